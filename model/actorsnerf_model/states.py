@@ -1,0 +1,163 @@
+"""The contract between methods and renderer: explicit, frozen caches; nothing hides in a module.
+
+`ActorState` holds what depends on the actor alone, `PoseState` what depends on the pose alone.
+Each method has its own `ActorState`; a baked actor is one more.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from actorsnerf_datasets.torch_dataset import View
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera seen from the body frame."""
+
+    K: Float[Tensor, "3 3"]
+    camera_from_body: Float[Tensor, "4 4"]
+    size: tuple[int, int]
+    """Width, height in pixels."""
+
+
+@dataclass(frozen=True)
+class Occupancy:
+    """Where in the body frame a sample can pass the foreground test; conservative."""
+
+    box: Float[Tensor, "2 3"]
+    """Lower and upper corner of the grid, metres."""
+    cells: Bool[Tensor, "x y z"]
+    """True where some point of the cell can have likelihood >= the threshold."""
+
+
+@dataclass(frozen=True)
+class PoseState:
+    """What depends on the pose (and the rest joints) alone."""
+
+    pose: Float[Tensor, "24 3"]
+    canonical_from_body: Float[Tensor, "24 4 4"]
+    """Each bone's rigid motion from the posed body frame to the canonical pose."""
+    body_from_canonical: Float[Tensor, "24 4 4"]
+    """Its closed-form inverse."""
+    bounds: Float[Tensor, "2 3"]
+    """Observation box: posed joints +- 0.3 m (samples are spread between its faces)."""
+    occupancy: Occupancy | None
+
+
+@dataclass(frozen=True)
+class Located:
+    """The points that can matter, carried to canonical space."""
+
+    index: Int[Tensor, "survivors"]
+    """Which of the given points these are, ascending."""
+    canonical: Float[Tensor, "survivors 3"]
+    """Canonical frame, metres."""
+    likelihood: Float[Tensor, "survivors"]
+    """Foreground likelihood, the sum of the skinning weights; >= the threshold."""
+
+
+@dataclass(frozen=True)
+class FieldValues:
+    """The radiance field at located points."""
+
+    rgb: Float[Tensor, "survivors 3"]
+    """In (0, 1)."""
+    density: Float[Tensor, "survivors"]
+    """Non-negative, 1/metre."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How much work a rendering was."""
+
+    rays: int
+    """Rays that met the bounds."""
+    samples: int
+    """Samples on those rays."""
+    survivors: int
+    """Samples that went through the networks."""
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What a camera sees."""
+
+    rgb: Float[Tensor, "*pixels 3"]
+    alpha: Float[Tensor, "*pixels"]
+    depth: Float[Tensor, "*pixels"]
+    """Expected distance along the optical axis times alpha, metres; 0 where nothing is."""
+    counts: Counts
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How to spend work; every default is the method's own."""
+
+    samples: int = 128
+    """Per ray, uniform between the faces of the bounds (paper's code: 128)."""
+    threshold: float = 0.01
+    """Foreground likelihood below which a sample is empty (released code)."""
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Linear blend target; black for ZJU-MoCap, white for AIST++."""
+    soft_mask: bool = False
+    """Multiply opacity by likelihood (HumanNeRF) instead of the hard test alone (ActorsNeRF)."""
+    occupancy: bool = True
+    """Skip samples in cells that cannot pass the test (exact)."""
+    stop_transmittance: float = 0.0
+    """Stop a ray once less light than this passes; 0 = never (exact)."""
+    chunk: int = 16384
+    """Points through the networks at once."""
+
+
+ActorState = TypeVar("ActorState")
+
+
+class Method(Protocol[ActorState]):
+    """What the renderer and both trainings need of a method."""
+
+    def actor_state(self, supports: tuple[View, ...], window: float) -> ActorState:
+        """What depends on the actor alone; differentiable where its parts train.
+
+        Args:
+            supports: the K support views.
+            window: open bands of the deformation's annealed encoding; <= 0 leaves the
+                deformation out (before its kick-in), its number of bands opens it fully.
+        """
+        ...
+
+    def pose_state(
+        self, actor: ActorState, pose: Float[Tensor, "24 3"], rest_joints: Float[Tensor, "24 3"]
+    ) -> PoseState:
+        """What depends on the pose alone."""
+        ...
+
+    def locate(
+        self,
+        actor: ActorState,
+        pose: PoseState,
+        points: Float[Tensor, "points 3"],
+        threshold: float,
+    ) -> Located:
+        """The points (body frame) whose likelihood reaches the threshold, in canonical space."""
+        ...
+
+    def field(self, actor: ActorState, pose: PoseState, located: Located) -> FieldValues:
+        """Colour and density at located points."""
+        ...
+
+
+__all__ = [
+    "ActorState",
+    "Camera",
+    "Counts",
+    "FieldValues",
+    "Located",
+    "Method",
+    "Occupancy",
+    "PoseState",
+    "RenderOptions",
+    "Rendering",
+]
