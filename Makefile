@@ -1,0 +1,64 @@
+# One line each; the logic is in Python. `make help` lists the targets.
+PY := .venv/bin/python
+DATA ?= data/prepared
+OUT ?= data/prepared
+PRESET ?= small
+METHOD ?= actorsnerf
+PROTOCOL ?= fewshot-10
+LIST ?= official
+WORKERS ?= 2
+BODY_MODEL ?=
+DEMO ?= data/demo
+SOURCE ?=
+
+.PHONY: help setup prepare inspect pretrain fewshot evaluate demo test test-all check format lint types wheel bench clean
+
+help:  ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup:  ## virtual environment, packages, LPIPS weights, headless OpenGL (safe to repeat)
+	@python3 scripts/setup.py
+
+inspect: setup  ## say what a download holds and what is wrong with it: SOURCE=
+	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+
+prepare: setup  ## raw download to HDF5: SOURCE= [OUT= BODY_MODEL= WORKERS=]
+	@$(PY) -m actorsnerf_preprocess prepare --source "$(SOURCE)" --out "$(OUT)" --workers $(WORKERS) $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+
+pretrain: setup  ## category-level training: RUN= [DATA= PRESET= METHOD=]
+	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET) --method $(METHOD)
+
+fewshot: setup  ## fit a new actor: DATA=FILE FROM=RUN RUN= [PROTOCOL= LIST= PRESET=]
+	@$(PY) -m actorsnerf_train fewshot --data "$(DATA)" --from "$(FROM)" --run "$(RUN)" --protocol $(PROTOCOL) --list $(LIST) --preset $(PRESET)
+
+evaluate: setup  ## unseen poses and views: RUN= DATA=FILE
+	@$(PY) -m actorsnerf_train evaluate --run "$(RUN)" --data "$(DATA)"
+
+demo: setup  ## everything, on synthetic actors (or SOURCE=): pictures in data/demo
+	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+
+test: setup  ## all tests but the slow ones
+	@$(PY) -m pytest -q -m "not slow and not gpu"
+
+test-all: setup  ## all tests
+	@$(PY) -m pytest -q -m "not gpu"
+
+check: setup lint types wheel  ## lint, types, import direction, wheel
+
+lint:
+	@$(PY) -m ruff check . && $(PY) -m ruff format --check . && .venv/bin/lint-imports --no-cache
+
+types:
+	@$(PY) -m mypy
+
+wheel:
+	@$(PY) -m pip wheel --quiet --no-deps --wheel-dir build/wheel . && $(PY) scripts/check_wheel.py build/wheel
+
+format: setup  ## format the code
+	@$(PY) -m ruff format . && $(PY) -m ruff check --fix .
+
+bench: setup  ## measure; writes benchmarks/results
+	@$(PY) benchmarks/run.py
+
+clean:  ## caches and builds, not data or runs
+	@rm -rf build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
