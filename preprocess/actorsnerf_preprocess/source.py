@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
+
 from actorsnerf_datasets import types
 from actorsnerf_datasets.errors import UserError
-from numpy.typing import NDArray
 
 
 class SourceError(UserError):
@@ -29,7 +30,7 @@ class Finding:
     """One observation about the raw data, in a sentence."""
 
     severity: Severity
-    where: str
+    entry: str
     """File, folder or entry."""
     sentence: str
 
