@@ -169,3 +169,5 @@ class SourceSequence:
     """(path inside the source, hex SHA-256) of the files other than pictures."""
     findings: tuple[Finding, ...]
     reader: FrameReader
+    published_background: Literal["black", "white"] = "black"
+    """Of the data set's published experiments; stored pictures composite exactly on it."""
