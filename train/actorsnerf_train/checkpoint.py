@@ -1,0 +1,225 @@
+"""A training's state on disk: safetensors for numbers, JSON for everything else, written whole.
+
+`checkpoints/step_000200.safetensors` holds `model/...`, `optimiser/...` and, after few-shot
+fitting, `actor/...` (all that rendering needs without the data file); the JSON beside it says what
+they are and carries the digest of the tensors. The JSON is written last, and `latest` names it
+after that, so a checkpoint that can be seen is complete.
+"""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import safetensors.torch
+import torch
+from torch import Tensor, nn
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.records import RecordError, from_json, to_json
+from actorsnerf_train.result import Json
+
+FORMAT = "actorsnerf-checkpoint"
+FORMAT_VERSION = 1
+FOLDER = "checkpoints"
+LATEST = "latest"
+Stage = Literal["pretrain", "fewshot"]
+
+
+class CheckpointError(UserError):
+    """A checkpoint is missing, damaged, or of another configuration."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A prepared file that a training read."""
+
+    path: str
+    sequence: str
+    actor: str
+    digest: str
+
+
+@dataclass(frozen=True)
+class FewshotSetting:
+    """Which frames of the actor were seen."""
+
+    protocol: str
+    name: str
+    list_name: str
+    camera: str
+    frames: tuple[int, ...]
+    supports: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class CheckpointInfo:
+    """What a checkpoint is; the JSON file."""
+
+    format: str
+    format_version: int
+    stage: Stage
+    method: str
+    step: int
+    seconds: float
+    """Training time up to here, all resumed parts together."""
+    configuration: dict[str, Json]
+    """The training's `TrainConfig`."""
+    data: tuple[DataFile, ...]
+    setting: FewshotSetting | None
+    pretrained_from: str | None
+    """Digest of the category checkpoint's tensors."""
+    pretraining_data: tuple[DataFile, ...]
+    """What that category checkpoint had seen."""
+    generator: str
+    """State of torch's default generator, hex. Sampling and jitter depend on (seed, step) alone."""
+    versions: dict[str, Json]
+    """Of the packages that computed."""
+    commit: str | None
+    tensors_sha256: str
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A loaded checkpoint."""
+
+    path: Path
+    """Of the JSON file."""
+    info: CheckpointInfo
+    tensors: dict[str, Tensor]
+
+    def part(self, prefix: Literal["model", "optimiser", "actor"]) -> dict[str, Tensor]:
+        """The tensors of one part, without the prefix."""
+        start = len(prefix) + 1
+        return {k[start:]: v for k, v in self.tensors.items() if k.startswith(f"{prefix}/")}
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Put a file in place at once: a reader sees the old content or the new, never a half."""
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+
+
+def save_checkpoint(run: Path, info: CheckpointInfo, tensors: dict[str, Tensor]) -> Path:
+    """The JSON file of a newly written checkpoint; `latest` names it.
+
+    Args:
+        run: the run's folder.
+        info: its `tensors_sha256` is filled in here.
+        tensors: names start with "model/", "optimiser/" or "actor/".
+    """
+    folder = run / FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = f"step_{info.step:06d}"
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    content = safetensors.torch.save(plain)
+    write_whole(folder / f"{stem}.safetensors", content)
+    record = to_json(info)
+    assert isinstance(record, dict)
+    record["tensors_sha256"] = hashlib.sha256(content).hexdigest()
+    path = folder / f"{stem}.json"
+    write_whole(path, (json.dumps(record, indent=1) + "\n").encode())
+    write_whole(folder / LATEST, (stem + "\n").encode())
+    return path
+
+
+def load_checkpoint(source: Path) -> Checkpoint:
+    """The checkpoint of a run folder (its latest) or of a named checkpoint file.
+
+    Raises:
+        CheckpointError: there is none, or it is damaged.
+    """
+    path = checkpoint_path(source)
+    try:
+        record: Json = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise CheckpointError(f"{path}: is not readable as JSON ({error}): damaged file?") from None
+    _check_format(path, record)
+    try:
+        info = from_json(CheckpointInfo, record, str(path))
+    except RecordError as error:
+        raise CheckpointError(str(error)) from None
+    numbers = path.with_suffix(".safetensors")
+    if not numbers.is_file():
+        raise CheckpointError(f"{numbers}: no such file, but {path.name} is there: copy both.")
+    content = numbers.read_bytes()
+    if hashlib.sha256(content).hexdigest() != info.tensors_sha256:
+        raise CheckpointError(
+            f"{numbers}: its SHA-256 is not the one that {path.name} names: a damaged or mixed-up "
+            "copy; take an earlier checkpoint of the run, or copy it again."
+        )
+    return Checkpoint(path, info, safetensors.torch.load(content))
+
+
+def checkpoint_path(source: Path) -> Path:
+    """The JSON file that a run folder or a checkpoint's name leads to.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    if source.is_dir():
+        latest = source / FOLDER / LATEST
+        if not latest.is_file():
+            raise CheckpointError(
+                f"{source}: holds no checkpoint ({FOLDER}/{LATEST} is missing): not a run folder, "
+                "or its training was stopped before the first checkpoint."
+            )
+        return source / FOLDER / f"{latest.read_text(encoding='utf-8').strip()}.json"
+    path = source.with_suffix(".json")
+    if not path.is_file():
+        raise CheckpointError(
+            f"{source}: no such run folder or checkpoint; pretrain first "
+            "(python -m actorsnerf_train pretrain), or correct the path."
+        )
+    return path
+
+
+def prune_checkpoints(run: Path, keep: int, keep_every: int) -> None:
+    """Delete old checkpoints, but the newest `keep` and every `keep_every`-th step (0 = none)."""
+    paths = sorted((run / FOLDER).glob("step_*.json"))
+    for path in paths[: max(len(paths) - keep, 0)]:
+        step = int(path.stem.removeprefix("step_"))
+        if keep_every == 0 or step % keep_every:
+            path.unlink()  # the JSON first: without it there is no checkpoint
+            path.with_suffix(".safetensors").unlink()
+
+
+def optimiser_tensors(
+    optimiser: torch.optim.Optimizer, parameters: dict[str, nn.Parameter]
+) -> dict[str, Tensor]:
+    """The optimiser's memory by parameter name: `<name>/<entry>`."""
+    return {
+        f"{name}/{entry}": tensor
+        for name, parameter in parameters.items()
+        for entry, tensor in optimiser.state.get(parameter, {}).items()
+    }
+
+
+def restore_optimiser(
+    optimiser: torch.optim.Optimizer,
+    parameters: dict[str, nn.Parameter],
+    tensors: dict[str, Tensor],
+) -> None:
+    """Give the optimiser its memory back; parameters without one start afresh, as they did."""
+    for key, tensor in tensors.items():
+        name, _, entry = key.rpartition("/")
+        parameter = parameters[name]
+        memory = tensor if entry == "step" else tensor.to(parameter.device)
+        optimiser.state[parameter][entry] = memory.clone()
+
+
+def _check_format(path: Path, record: Json) -> None:
+    if not isinstance(record, dict) or record.get("format") != FORMAT:
+        raise CheckpointError(f"{path}: is no checkpoint of this program (format {FORMAT}).")
+    version = record.get("format_version")
+    if not isinstance(version, int) or version > FORMAT_VERSION:
+        raise CheckpointError(
+            f"{path}: has checkpoint format {version}, this program reads up to {FORMAT_VERSION}: "
+            "use the version of the program that wrote it, or a newer one."
+        )
