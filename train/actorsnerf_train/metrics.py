@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from actorsnerf_datasets.errors import UserError
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import functional
+
+from actorsnerf_datasets.errors import UserError
 
 ConventionName = Literal["paper", "strict", "box"]
 Lpips = Callable[[Tensor, Tensor], Tensor]

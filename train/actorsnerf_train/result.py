@@ -41,14 +41,10 @@ PSNR in decibel (at most 100: equal pictures), LPIPS times 1000 or null. `metric
 conventions.
 """
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import cast
+from dataclasses import dataclass
 
 from actorsnerf_datasets.errors import UserError
-
 from actorsnerf_train.metrics import ConventionName
 
 SCHEMA = "actorsnerf-result"
