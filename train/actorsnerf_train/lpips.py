@@ -59,9 +59,9 @@ class LpipsFiles:
 class LpipsNumbers:
     """The published numbers, in torch's layout."""
 
-    kernels: tuple[Float[Tensor, "outputs inputs 3 3"], ...]
-    biases: tuple[Float[Tensor, " outputs"], ...]
-    heads: tuple[Float[Tensor, "1 channels 1 1"], ...]
+    kernels: tuple[Float[Tensor, "_ _ 3 3"], ...]
+    biases: tuple[Float[Tensor, " _"], ...]
+    heads: tuple[Float[Tensor, "1 _ 1 1"], ...]
 
     def digest(self) -> str:
         """Hex SHA-256 of all numbers."""
@@ -91,7 +91,7 @@ class Lpips(nn.Module):
 
     def taps(
         self, pictures: Float[Tensor, "pictures 3 height width"]
-    ) -> tuple[Float[Tensor, "pictures channels tap_height tap_width"], ...]:
+    ) -> tuple[Float[Tensor, "pictures _ _ _"], ...]:
         """Features after five layers, each of unit length over its channels.
 
         Args:

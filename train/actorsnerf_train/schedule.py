@@ -22,9 +22,9 @@ class Schedule:
     """A run's steps, and the stretch of the official count that they pass through."""
 
     steps: int
-    first_count: float = 0.0
+    first_count: int = 0
     """Official count at step 0; few-shot fitting starts at 100,000 (released code)."""
-    last_count: float = 200_000.0
+    last_count: int = 200_000
     """Official count after the last step."""
 
     def __post_init__(self) -> None:
