@@ -1,0 +1,146 @@
+"""What can be said about an AIST++ sequence before any body model is needed."""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from actorsnerf_datasets.types import Int64
+from actorsnerf_preprocess.aist_annotations import (
+    Motion,
+    read_ignore_list,
+    read_motion,
+    read_setting,
+)
+from actorsnerf_preprocess.aist_checks import scaling_finding
+from actorsnerf_preprocess.aist_names import video_name
+from actorsnerf_preprocess.aist_tree import AistTree, find_tree
+from actorsnerf_preprocess.aist_views import AistView, usable_views
+from actorsnerf_preprocess.given_masks import GivenMasks, find_given_masks
+from actorsnerf_preprocess.masks import METHOD
+from actorsnerf_preprocess.source import Finding, Found, OpenOptions, SourceError
+
+PAPER_FIRST_FRAME = 200
+PAPER_FRAME_STEP = 4
+"""The published experiments use frames 200, 204, 208, ... (15 per second)."""
+MIN_PAPER_FRAMES = 60
+"""A motion that leaves fewer of those is prepared from its first frame."""
+
+
+@dataclass(frozen=True)
+class AistInspection:
+    """All that can be said about a sequence without a body model."""
+
+    tree: AistTree
+    setting: str
+    motion: Motion
+    views: tuple[AistView, ...]
+    given: tuple[GivenMasks | None, ...]
+    frames: Int64
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+
+def inspect_aist(found: Found, options: OpenOptions) -> AistInspection:
+    """Everything about a sequence but the fits.
+
+    Raises:
+        SourceError: an annotation file is missing or damaged, no view is usable, or the sequence is
+            on the ignore list and not accepted.
+    """
+    tree = find_tree(found.path)
+    if tree is None:
+        raise SourceError(f"{found.path}: there are no AIST++ annotations below it.")
+    findings = list(_ignore_findings(found.name, tree, options))
+    motion = read_motion(tree.motions / f"{found.name}.pkl")
+    setting, entries = read_setting(tree.cameras, found.name)
+    views, remarks = usable_views(
+        found.name, entries, tree.videos.get(found.name, {}), motion.scaling, len(motion.poses)
+    )
+    findings += [*scaling_finding(motion.scaling), *remarks]
+    if not views:
+        reasons = " ".join(f"{finding.entry}: {finding.sentence}" for finding in remarks)
+        raise SourceError(f"{found.path}, {found.name}: no view is usable. {reasons}")
+    frames, frame_note = _frames(len(motion.poses), views)
+    masks = _given(found, options, views)
+    notes = (
+        *tree.notes,
+        f"Lengths are divided by smpl_scaling {motion.scaling:.6g}: one metre is one metre of the"
+        " SMPL body of zero betas; body, translation and cameras share it.",
+        "Frame k is the picture shown at k/60 s by time stamps.",
+        frame_note,
+    )
+    return AistInspection(tree, setting, motion, views, masks, frames, tuple(findings), notes)
+
+
+def _ignore_findings(sequence: str, tree: AistTree, options: OpenOptions) -> tuple[Finding, ...]:
+    if sequence not in read_ignore_list(tree.ignore_list):
+        return ()
+    if options.ignored == "refuse":
+        raise SourceError(
+            f"{tree.ignore_list}: lists {sequence}; the authors of AIST++ found its fit wrong and"
+            " ask to leave it out. Choose another sequence, or pass --ignored accept."
+        )
+    sentence = f"{sequence} is on the ignore list of the data set and was accepted."
+    return (Finding("warning", "ignore_list.txt", sentence),)
+
+
+def _frames(motion_length: int, views: tuple[AistView, ...]) -> tuple[Int64, str]:
+    """The frame numbers to prepare and a sentence on the choice."""
+    length = min(motion_length, max(view.video.annotated_frames for view in views))
+    paper = np.arange(PAPER_FIRST_FRAME, length, PAPER_FRAME_STEP, dtype=np.int64)
+    if len(paper) >= MIN_PAPER_FRAMES:
+        return paper, "Frames 200, 204, 208, ... (15 per second), as in the published experiments."
+    step = PAPER_FRAME_STEP if length >= MIN_PAPER_FRAMES * PAPER_FRAME_STEP else 1
+    chosen = np.arange(0, length, step, dtype=np.int64)
+    return chosen, (
+        f"Too short for frames 200, 204, ... of the published experiments ({length} frames); every"
+        f" frame from 0 in steps of {step} is used."
+    )
+
+
+def _given(
+    found: Found, options: OpenOptions, views: tuple[AistView, ...]
+) -> tuple[GivenMasks | None, ...]:
+    """The user's masks of each view."""
+    masks = tuple(
+        find_given_masks(
+            options.masks,
+            (
+                video_name(found.name, view.camera.name),
+                f"{found.name}/{view.camera.name}",
+                view.camera.name,
+            ),
+            view.camera.size,
+        )
+        for view in views
+    )
+    if options.masks is not None and not any(masks):
+        raise SourceError(
+            f"{options.masks}: holds no masks of {found.name}; expected folders or videos called"
+            f" {video_name(found.name, views[0].camera.name)}, or {found.name}/"
+            f"{views[0].camera.name} with one picture per frame number."
+        )
+    return masks
+
+
+def annotation_digests(found: Found, seen: AistInspection) -> tuple[tuple[str, str], ...]:
+    """(path below the source folder, hex SHA-256) of the files that every sequence needs."""
+    files = (
+        seen.tree.cameras / "mapping.txt",
+        seen.tree.cameras / f"{seen.setting}.json",
+        seen.tree.motions / f"{found.name}.pkl",
+    )
+    return tuple(
+        (path.relative_to(found.path).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in files
+    )
+
+
+def mask_source(given: tuple[GivenMasks | None, ...]) -> str:
+    """What a prepared file records about where the masks of its views come from."""
+    if all(given):
+        return "given by the user"
+    if any(given):
+        return f"given by the user for {sum(map(bool, given))} views; for the rest {METHOD}"
+    return METHOD

@@ -1,0 +1,140 @@
+"""Pictures and masks of an AIST++ sequence, straight from its videos."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import repeat
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from actorsnerf_datasets.types import BodyFits, Float64, Int64, UInt8
+from actorsnerf_preprocess.aist_video import ANNOTATION_RATE, picture_per_frame, spread_pictures
+from actorsnerf_preprocess.aist_views import AistView
+from actorsnerf_preprocess.backgrounds import (
+    SAMPLE_COUNT,
+    Background,
+    StageSample,
+    estimate_background,
+)
+from actorsnerf_preprocess.given_masks import GivenMasks
+from actorsnerf_preprocess.masks import make_mask
+from actorsnerf_preprocess.silhouettes import body_silhouette, person_box
+from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture, SourceError
+
+_COVER_SHARE = 0.15
+"""Of the body's height in the picture: how far around the body a sample does not vote."""
+
+
+@dataclass(frozen=True)
+class AistScene:
+    """What the masks are made from: the fitted body in each frame."""
+
+    frames: Int64
+    """(F,) at 60 per second."""
+    fits: BodyFits
+    faces: Int64
+
+    def silhouette(self, view: AistView, frame_index: int) -> UInt8:
+        """(H, W) 255 where the body covers the view's picture."""
+        return body_silhouette(self._world_vertices(frame_index), self.faces, view.camera)
+
+    def _world_vertices(self, frame_index: int) -> Float64:
+        transform = self.fits.world_from_body[frame_index]
+        vertices = self.fits.posed_vertices[frame_index].astype(np.float64)
+        moved: Float64 = vertices @ transform[:3, :3].T + transform[:3, 3]
+        return moved
+
+
+class AistReader:
+    """Reads pictures of the views; made masks share one background per view and process."""
+
+    frames_per_task = 128
+
+    def __init__(
+        self,
+        views: tuple[AistView, ...],
+        scene: AistScene,
+        given: tuple[GivenMasks | None, ...],
+    ) -> None:
+        """A reader of the views, with the masks given for each (None: they are made)."""
+        self._views = views
+        self._scene = scene
+        self._given = given
+        self._backgrounds: dict[int, Background] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        """What travels to another process: everything but the backgrounds."""
+        return {**self.__dict__, "_backgrounds": {}}
+
+    def files(self, camera_index: int, frame_index: int) -> tuple[Path, ...]:
+        """The view's video, and the given mask if there is one."""
+        given = self._given[camera_index]
+        mask = given.files(int(self._scene.frames[frame_index])) if given is not None else ()
+        return (self._views[camera_index].video.path, *mask)
+
+    def probe(self, camera_index: int, frame_index: int) -> MaskProbe | Absent:
+        """The given mask; none where masks are made."""
+        given = self._given[camera_index]
+        if given is None or given.video is not None:
+            return MaskProbe(None, "")
+        mask = next(given.read_each([int(self._scene.frames[frame_index])]))
+        return mask if isinstance(mask, Absent) else MaskProbe(mask, "")
+
+    def read_many(
+        self, camera_index: int, frame_indices: Sequence[int]
+    ) -> Iterator[RawPicture | Absent]:
+        """One item per frame index (ascending), in order; one pass over the video."""
+        path = self._views[camera_index].video.path
+        numbers = [int(self._scene.frames[index]) for index in frame_indices]
+        given = self._given[camera_index]
+        masks = repeat(None) if given is None else given.read_each(numbers)
+        done = 0
+        try:
+            for picture, mask in zip(picture_per_frame(path, numbers), masks, strict=False):
+                if picture is None:
+                    yield Absent(str(path), f"no picture of frame {numbers[done]}")
+                else:
+                    yield self._picture(camera_index, frame_indices[done], picture, mask)
+                done += 1
+        except SourceError as error:
+            for _ in frame_indices[done:]:
+                yield Absent(str(path), str(error))
+
+    def background(self, camera_index: int) -> Background:
+        """The empty stage of a view, from pictures spread over the sequence."""
+        if camera_index not in self._backgrounds:
+            self._backgrounds[camera_index] = self._estimated(camera_index)
+        return self._backgrounds[camera_index]
+
+    def _picture(
+        self, camera_index: int, frame_index: int, picture: UInt8, mask: UInt8 | Absent | None
+    ) -> RawPicture | Absent:
+        if isinstance(mask, Absent):
+            return mask
+        if mask is None and self._given[camera_index] is None:
+            body = self._scene.silhouette(self._views[camera_index], frame_index)
+            mask = make_mask(picture, self.background(camera_index), body)
+        return RawPicture(picture, mask)
+
+    def _estimated(self, camera_index: int) -> Background:
+        view, frames = self._views[camera_index], self._scene.frames
+        last = min(float(frames[-1]), view.video.annotated_frames - 1.0)
+        times = np.linspace(float(frames[0]), max(last, float(frames[0])), SAMPLE_COUNT)
+        samples = []
+        for stamp, picture in spread_pictures(view.video.path, (times / ANNOTATION_RATE).tolist()):
+            nearest = int(np.abs(frames - stamp * ANNOTATION_RATE).argmin())
+            samples.append(StageSample(picture, _cover(self._scene.silhouette(view, nearest))))
+        if not samples:
+            raise SourceError(f"{view.video.path}: no picture for a background can be decoded.")
+        return estimate_background(samples)
+
+
+def _cover(body: UInt8) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Where the person may be: the body and a wide rim."""
+    box = person_box(body, 0)
+    if box is None:
+        return np.zeros(body.shape, np.bool_)
+    reach = round(_COVER_SHARE * max(box[3] - box[1], box[2] - box[0])) + 1
+    distance = cv2.distanceTransform(255 - body, cv2.DIST_L2, 3)
+    return np.asarray(distance) <= reach
