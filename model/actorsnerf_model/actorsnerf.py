@@ -1,0 +1,262 @@
+"""ActorsNeRF: a person from K support views, in any pose, from any side.
+
+Category-level parts (encoder, skinning) are shared by all people; instance-level parts
+(deformation, SMPL feature diffusion, rendering) adapt to one actor in few-shot training.
+"""
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.actor_states import (
+    ActorBody,
+    ActorGeometry,
+    ActorsNeRFState,
+    CategoryPrior,
+    actor_geometry,
+    check_supports,
+    support_cameras,
+    support_motions,
+)
+from actorsnerf_model.body_features import vertex_channels, vertex_features
+from actorsnerf_model.deformation import Deformation, DeformationConfig
+from actorsnerf_model.encoder import (
+    TRUNK_CHANNELS,
+    Encoder,
+    EncoderConfig,
+    FeatureMap,
+    support_pictures,
+)
+from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
+from actorsnerf_model.pixel_features import read_features
+from actorsnerf_model.radiance import Radiance, RadianceConfig
+from actorsnerf_model.skinning import forward_warp, skinning_volume
+from actorsnerf_model.skinning_bounds import locate, skinning_bounds
+from actorsnerf_model.skinning_decoder import SkinningDecoderConfig, skinning_decoder
+from actorsnerf_model.sparse_conv import SparseConfig, SparseNet, query
+from actorsnerf_model.states import FieldValues, Located, PoseState
+
+
+@dataclass(frozen=True)
+class ActorsNeRFConfig:
+    """Sizes and parts of the method; defaults are the released code's."""
+
+    views: int = 3
+    """K, the number of support views; a size of the model."""
+    encoder: EncoderConfig = field(default_factory=EncoderConfig)
+    skinning: SkinningDecoderConfig = field(default_factory=SkinningDecoderConfig)
+    deformation_net: DeformationConfig = field(default_factory=DeformationConfig)
+    sparse: SparseConfig = field(default_factory=SparseConfig)
+    radiance: RadianceConfig = field(default_factory=RadianceConfig)
+    deformation: bool = True
+    """Off: points stay in the category's canonical space (paper's ablation)."""
+    pixel_features: bool = True
+    """Off: neither rendering nor deformation sees pixel-aligned features. The released ablation
+    takes them from the rendering network only."""
+    body_features: bool = True
+    """Off: no SMPL features and no sparse network (paper's ablation)."""
+
+    @property
+    def skinning_nodes(self) -> int:
+        """Nodes of the skinning volume per axis."""
+        if self.skinning.kind == "direct":
+            return self.skinning.resolution
+        return int(2 ** len(self.skinning.channels))
+
+
+class ActorsNeRF(nn.Module):
+    """The method of the paper; implements the `Method` protocol of `states`."""
+
+    def __init__(
+        self, config: ActorsNeRFConfig, network_dtype: torch.dtype = torch.float32
+    ) -> None:
+        """Random weights; parts that the configuration switches off do not exist.
+
+        Args:
+            config: sizes and parts.
+            network_dtype: of the products inside networks; geometry keeps its inputs' precision.
+        """
+        super().__init__()
+        self.config = config
+        self.network_dtype = network_dtype
+        self.prior_frozen = False
+        pixel_channels = TRUNK_CHANNELS[config.encoder.trunk] if config.pixel_features else 0
+        body_channels = config.sparse.tapped_channels if config.body_features else 0
+        self.encoder = (
+            Encoder(config.encoder, reduced=config.body_features)
+            if config.pixel_features or config.body_features
+            else None
+        )
+        self.skinning = skinning_decoder(config.skinning)
+        self.deformation = (
+            Deformation(config.deformation_net, pixel_channels, config.views)
+            if config.deformation
+            else None
+        )
+        self.sparse = (
+            SparseNet(config.sparse, vertex_channels(config.encoder.body_channels, config.views))
+            if config.body_features
+            else None
+        )
+        self.radiance = Radiance(config.radiance, pixel_channels, body_channels)
+
+    def freeze_category_prior(self) -> None:
+        """Stops encoder and skinning from learning, running statistics included (few-shot)."""
+        self.prior_frozen = True
+        for part in self._prior_parts():
+            part.requires_grad_(False)
+        self.train(self.training)
+
+    def train(self, mode: bool = True) -> "ActorsNeRF":
+        """Training mode for all but frozen parts, which stay in evaluation mode."""
+        super().train(mode)
+        if self.prior_frozen:
+            for part in self._prior_parts():
+                part.eval()
+        return self
+
+    def _prior_parts(self) -> tuple[nn.Module, ...]:
+        return (self.skinning,) if self.encoder is None else (self.encoder, self.skinning)
+
+    def geometry(self, view: View) -> ActorGeometry:
+        """What follows from the actor's body at rest; keep it, one per actor."""
+        sparse = self.config.sparse if self.config.body_features else None
+        return actor_geometry(view, self.config.skinning_nodes, sparse)
+
+    def category_prior(
+        self, supports: tuple[View, ...], geometry: ActorGeometry | None = None
+    ) -> CategoryPrior:
+        """What the frozen parts make of an actor; once in few-shot, each step in pre-training.
+
+        Args:
+            supports: the K support views.
+            geometry: of their actor, where it was kept.
+        """
+        check_supports(supports, self.config.views)
+        geometry = geometry or self.geometry(supports[0])
+        # Logits are geometry: 8 bits of mantissa would move points.
+        with torch.autocast(geometry.box.device.type, enabled=False):
+            residual = self.skinning()
+        volume = skinning_volume(residual, geometry.log_prior, geometry.box)
+        body = ActorBody(
+            geometry,
+            support_cameras(supports),
+            support_motions(supports, geometry.canonical_joints),
+            volume,
+            skinning_bounds(volume),
+            residual,
+        )
+        if self.encoder is None:
+            return CategoryPrior(body, None, None)
+        pictures = support_pictures(supports, self.config.encoder.background)
+        with self._networks(pictures):
+            trunk, reduced = self.encoder(pictures)
+        vertices = None
+        if reduced is not None:
+            posed = torch.stack([view.posed_vertices for view in supports])
+            reduced = FeatureMap(reduced.table.to(posed.dtype), reduced.first)
+            vertices = vertex_features(reduced, body.cameras, posed, geometry.rest_vertices)
+        return CategoryPrior(body, trunk if self.config.pixel_features else None, vertices)
+
+    def instance_state(self, prior: CategoryPrior, window: float) -> ActorsNeRFState:
+        """The whole state from a category prior; what learns in few-shot runs here."""
+        box = prior.body.geometry.box
+        maps = None
+        if prior.trunk is not None:
+            with self._networks(box):
+                table = F.linear(prior.trunk.table, self._map_weight(window)).to(box.dtype)
+            maps = FeatureMap(table, prior.trunk.first)
+        plan = prior.body.geometry.plan
+        levels = ()
+        if self.sparse is not None and prior.vertices is not None and plan is not None:
+            dtype = box.dtype if self.network_dtype == torch.float32 else self.network_dtype
+            levels = self.sparse(prior.vertices, plan, dtype)
+        return ActorsNeRFState(prior.body, maps, levels, window)
+
+    def _map_weight(self, window: float) -> Float[Tensor, "out channels"]:
+        """The linear layers that follow interpolation: linear, so they may come before it."""
+        assert self.radiance.pixel is not None
+        weights = [self.radiance.pixel.weight]
+        if self._deforms(window):
+            assert self.deformation is not None and self.deformation.pixel_code is not None
+            weights.append(self.deformation.pixel_code.weight)
+        return torch.cat(weights)
+
+    def _deforms(self, window: float) -> bool:
+        return self.deformation is not None and window > 0
+
+    def actor_state(self, supports: tuple[View, ...], window: float) -> ActorsNeRFState:
+        """What depends on the actor alone; differentiable where its parts train."""
+        return self.instance_state(self.category_prior(supports), window)
+
+    def pose_state(
+        self,
+        actor: ActorsNeRFState,
+        pose: Float[Tensor, "24 3"],
+        rest_joints: Float[Tensor, "24 3"],
+    ) -> PoseState:
+        """What depends on the pose alone."""
+        joints = actor.body.geometry.canonical_joints
+        canonical_from_body, body_from_canonical = bone_motions(pose, rest_joints, joints)
+        bounds = observation_bounds(posed_frames(pose, rest_joints)[1])
+        return PoseState(pose, canonical_from_body, body_from_canonical, bounds, None)
+
+    def locate(
+        self,
+        actor: ActorsNeRFState,
+        pose: PoseState,
+        points: Float[Tensor, "points 3"],
+        threshold: float,
+    ) -> Located:
+        """The points (body frame) whose likelihood reaches the threshold, in canonical space."""
+        body = actor.body
+        with torch.autocast(points.device.type, enabled=False):
+            return locate(points, body.skinning, body.bounds, pose.canonical_from_body, threshold)
+
+    def field(self, actor: ActorsNeRFState, pose: PoseState, located: Located) -> FieldValues:
+        """Colour and density at located points.
+
+        Pixel features belong to the category's point x_c; SMPL features and position to the
+        instance's point x_i, as released.
+        """
+        points = located.canonical
+        low, high = actor.body.geometry.box
+        normal = (points - low) * (2 / (high - low)) - 1
+        pixels, codes = self._pixel_features(actor, points)
+        if self._deforms(actor.window):
+            assert self.deformation is not None
+            with self._networks(points):
+                offset = self.deformation(normal, actor.window, pose.pose, codes)
+            normal = normal + offset.to(normal.dtype)
+            points = (normal + 1) * ((high - low) / 2) + low
+        with torch.autocast(points.device.type, enabled=False):
+            body = query(actor.levels, points) if actor.levels else None
+        with self._networks(points):
+            rgb, density = self.radiance(normal, pixels, body)
+        return FieldValues(rgb, density)
+
+    def _pixel_features(
+        self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]
+    ) -> tuple[Tensor | None, Tensor | None]:
+        """What rendering and deformation read of the K views, through their first layers."""
+        if actor.maps is None:
+            return None, None
+        with torch.autocast(points.device.type, enabled=False):
+            # A point that no bone holds stays where it is; only a threshold of 0 locates any.
+            posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
+            read = read_features(actor.maps, actor.body.cameras, posed)
+        width = self.config.radiance.width
+        return read[..., :width], read[..., width:] if read.shape[-1] > width else None
+
+    def _networks(self, like: Tensor) -> AbstractContextManager[None]:
+        """Autocast to the networks' precision on the tensor's device."""
+        return torch.autocast(
+            like.device.type,
+            dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
+            enabled=self.network_dtype != torch.float32,
+        )

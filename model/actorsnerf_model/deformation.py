@@ -1,0 +1,98 @@
+"""The deformation network: from the category's canonical space to the instance's (paper sec. 3.4).
+
+x_i = x_c + D(annealed encoding of x_c, pose, pixel-aligned features of the K support views).
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from actorsnerf_model.fourier import annealed_fourier_features
+
+POSE_NUMBERS = 69
+"""Axis-angle of joints 1 to 23; the root is folded into the camera."""
+LAST_LAYER_BOUND = 1e-5
+"""Weights of the last layer start uniform within this, so offsets start near zero."""
+
+
+@dataclass(frozen=True)
+class DeformationConfig:
+    """Sizes of the deformation network; defaults are the released code's."""
+
+    width: int = 128
+    depth: int = 6
+    """Hidden layers."""
+    skip: int = 4
+    """The whole input joins again before this layer (counted from 0)."""
+    octaves: int = 6
+    code: int = 64
+    """Numbers that each support view's pixel feature is reduced to."""
+
+
+class Deformation(nn.Module):
+    """Offsets in normalised canonical coordinates.
+
+    The released code adds 0.01 to each pose number; a layer's bias can do the same, so we do not.
+    """
+
+    def __init__(self, config: DeformationConfig, pixel_channels: int, views: int) -> None:
+        """Random weights; `pixel_channels` 0 leaves the pixel-aligned features out."""
+        super().__init__()
+        self.octaves = config.octaves
+        self.skip = config.skip
+        self.pixel_code = nn.Linear(pixel_channels, config.code) if pixel_channels else None
+        self.point_features = 6 * config.octaves + (views * config.code if pixel_channels else 0)
+        given = self.point_features + POSE_NUMBERS
+        self.hidden = nn.ModuleList(
+            nn.Linear(
+                (config.width if i else 0) + (given if i in (0, config.skip) else 0), config.width
+            )
+            for i in range(config.depth)
+        )
+        self.offset = nn.Linear(config.width, 3)
+        self._initialise()
+
+    def _initialise(self) -> None:
+        for layer in self.hidden:
+            assert isinstance(layer, nn.Linear)
+            nn.init.xavier_uniform_(layer.weight, gain=nn.init.calculate_gain("relu"))
+            nn.init.zeros_(layer.bias)
+        nn.init.uniform_(self.offset.weight, -LAST_LAYER_BOUND, LAST_LAYER_BOUND)
+        nn.init.zeros_(self.offset.bias)
+
+    def forward(
+        self,
+        points: Float[Tensor, "points 3"],
+        opened: float,
+        pose: Float[Tensor, "24 3"],
+        codes: Float[Tensor, "points views code"] | None,
+    ) -> Float[Tensor, "points 3"]:
+        """Offsets of the points; the pose's share of each layer is computed once, not per point.
+
+        Args:
+            points: canonical, normalised to [-1, 1].
+            opened: open octaves of the encoding.
+            pose: axis-angle; the root is ignored.
+            codes: pixel features already through `pixel_code.weight`, without its bias: that is
+                what lets the linear layer run on the feature map, before interpolation.
+        """
+        parts = [annealed_fourier_features(points, self.octaves, opened)]
+        if self.pixel_code is not None:
+            assert codes is not None
+            parts.append((codes + self.pixel_code.bias).flatten(1))
+        given = torch.cat(parts, dim=1)
+        numbers = pose[1:].reshape(POSE_NUMBERS)
+        hidden = given[:, :0]
+        for i, layer in enumerate(self.hidden):
+            assert isinstance(layer, nn.Linear)
+            weight, bias = layer.weight, layer.bias
+            if i in (0, self.skip):
+                weight, pose_weight = weight[:, :-POSE_NUMBERS], weight[:, -POSE_NUMBERS:]
+                bias = bias + pose_weight @ numbers
+                hidden = torch.cat([hidden, given], dim=1) if i else given
+            hidden = F.relu(F.linear(hidden, weight, bias))
+        offsets: Tensor = self.offset(hidden)
+        return offsets

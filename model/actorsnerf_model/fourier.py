@@ -1,0 +1,68 @@
+"""Coordinates as sines and cosines, and the window that opens their octaves one by one."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+def fourier_features(
+    values: Float[Tensor, "*batch axes"], octaves: int, identity: bool = False
+) -> Float[Tensor, "*batch features"]:
+    """Sines and cosines of the values times 1, 2, 4, ...: [x,] sin x, cos x, sin 2x, cos 2x, ...
+
+    Args:
+        values: dimensionless (normalised coordinates) or metres, as the network was trained.
+        octaves: how many doublings.
+        identity: whether the values themselves come first.
+
+    Returns:
+        `axes * (2 * octaves + identity)` features. No factor of pi, as in the released code.
+
+    >>> fourier_features(torch.zeros(1, 3), 2).tolist()
+    [[0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]]
+    """
+    scales = 2.0 ** torch.arange(octaves, dtype=values.dtype, device=values.device)
+    angles = values[..., None, :] * scales[:, None]
+    waves = torch.cat([angles.sin(), angles.cos()], dim=-1).flatten(-2)
+    return torch.cat([values, waves], dim=-1) if identity else waves
+
+
+def hann_window(opened: float, octaves: int) -> tuple[float, ...]:
+    """Each octave's weight, (1 - cos(pi * clamp(opened - j, 0, 1))) / 2 for octave j.
+
+    Source: the annealed encoding of Nerfies, eq. 8, as the released code uses it.
+
+    >>> hann_window(1.5, 3)[0], round(hann_window(1.5, 3)[1], 6), hann_window(1.5, 3)[2]
+    (1.0, 0.5, 0.0)
+    """
+    return tuple(
+        (1 - math.cos(math.pi * min(max(opened - j, 0.0), 1.0))) / 2 for j in range(octaves)
+    )
+
+
+def annealed_fourier_features(
+    values: Float[Tensor, "*batch axes"], octaves: int, opened: float
+) -> Float[Tensor, "*batch features"]:
+    """Fourier features without identity, each octave times its Hann weight."""
+    weights = values.new_tensor(hann_window(opened, octaves))
+    waves = fourier_features(values, octaves)
+    return (waves.unflatten(-1, (octaves, -1)) * weights[:, None]).flatten(-2)
+
+
+def opened_octaves(fraction: float, start: float, end: float, octaves: int) -> float:
+    """How many octaves are open after a fraction of a run; 0 until `start`, all from `end` on.
+
+    Args:
+        fraction: of the run's steps, in [0, 1].
+        start: the kick-in (released code: 10,000 of its steps).
+        end: when all octaves are open (released code: 50,000).
+        octaves: of the encoding.
+
+    >>> opened_octaves(0.3, 0.1, 0.5, 6)
+    3.0
+    """
+    if end <= start:
+        return float(octaves) if fraction >= end else 0.0
+    return octaves * min(max((fraction - start) / (end - start), 0.0), 1.0)

@@ -1,0 +1,43 @@
+"""What the support views' feature maps hold where points project."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from actorsnerf_model.encoder import FeatureMap
+from actorsnerf_model.interpolation import bilinear
+from actorsnerf_model.projection import project
+
+FAR_OUTSIDE = -1e4
+"""A pixel coordinate outside every picture: reading there gives zeros."""
+
+
+@dataclass(frozen=True)
+class SupportCameras:
+    """The K support views' pinhole cameras."""
+
+    K: Float[Tensor, "views 3 3"]
+    camera_from_body: Float[Tensor, "views 4 4"]
+    """Each from its own frame's posed body frame."""
+
+
+def read_features(
+    features: FeatureMap, cameras: SupportCameras, points: Float[Tensor, "views points 3"]
+) -> Float[Tensor, "points views channels"]:
+    """Each view's features where its copy of the points projects, bilinear.
+
+    Zero outside the picture, as in the released code; zero behind the camera too, where the
+    released code reads a mirrored place or infinity. Nothing tests whether a point is hidden.
+
+    Args:
+        features: of K views.
+        cameras: of the same views.
+        points: posed body frame of each view's frame, metres.
+    """
+    seen = project(points, cameras.K, cameras.camera_from_body)
+    pixels = torch.where(seen.in_front[..., None], seen.pixels, FAR_OUTSIDE)
+    cells = features.cells(pixels)
+    read = [bilinear(table, xy) for table, xy in zip(features.table, cells, strict=True)]
+    return torch.stack(read, dim=1)

@@ -1,0 +1,39 @@
+"""Named configurations: the released sizes, one for two CPU cores, and one for tests."""
+
+from dataclasses import replace
+
+from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_model.deformation import DeformationConfig
+from actorsnerf_model.encoder import EncoderConfig
+from actorsnerf_model.radiance import RadianceConfig
+from actorsnerf_model.skinning_decoder import SkinningDecoderConfig
+from actorsnerf_model.sparse_conv import SparseConfig
+
+OFFICIAL = ActorsNeRFConfig()
+"""The released code's sizes and constants."""
+
+_SOFT = RadianceConfig(width=64, octaves=8, density="softplus", density_scale=100, density_shift=-2)
+
+SMALL = ActorsNeRFConfig(
+    encoder=EncoderConfig(weights="random", body_channels=16),
+    skinning=SkinningDecoderConfig(kind="direct"),
+    deformation_net=DeformationConfig(width=64, depth=4, skip=2, code=16),
+    sparse=SparseConfig(voxel=0.02, channels=(16, 24, 32), convolutions=(2, 2, 2), taps=(0, 1, 2)),
+    radiance=_SOFT,
+)
+"""Learns on two CPU cores; ResNet-18 from scratch."""
+
+SMALL_VGG = replace(
+    SMALL,
+    encoder=EncoderConfig(trunk="vgg16", weights="imagenet", train_trunk=False, body_channels=16),
+)
+"""The same with VGG-16's ImageNet trunk, which does not learn."""
+
+TINY = ActorsNeRFConfig(
+    encoder=EncoderConfig(weights="random", body_channels=4),
+    skinning=SkinningDecoderConfig(kind="direct", resolution=16),
+    deformation_net=DeformationConfig(width=16, depth=3, skip=2, octaves=3, code=4),
+    sparse=SparseConfig(voxel=0.06, channels=(8, 8), convolutions=(1, 1), taps=(0, 1)),
+    radiance=replace(_SOFT, width=16, octaves=4),
+)
+"""For tests and the demo: seconds."""
