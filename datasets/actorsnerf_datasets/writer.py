@@ -1,0 +1,249 @@
+"""Prepared sequences written: the only code that writes the layout.
+
+The same input gives a byte-identical file, and a file of the final name is always complete: it is
+written as `<name>.part`, synchronised to disk, and renamed.
+"""
+
+import os
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from actorsnerf_datasets.digests import digest_of_arrays, digest_of_dataset, digest_of_strings
+from actorsnerf_datasets.errors import LayoutError
+from actorsnerf_datasets.header import Values, header_arrays, header_attributes
+from actorsnerf_datasets.layout import DIGEST_ATTRIBUTE, ENTRIES
+from actorsnerf_datasets.shapes import Form, misfits
+from actorsnerf_datasets.types import Picture, Protocol, SequenceHeader
+
+COMPRESSION_LEVEL = 4
+"""Of zlib, for pictures and posed vertices."""
+
+_Array = NDArray[np.generic]
+
+
+@dataclass(frozen=True)
+class StoredPicture:
+    """A picture ready to be written: its chunks are compressed already (`encode_picture`)."""
+
+    camera_index: int
+    frame_index: int
+    offset: tuple[int, int]
+    """x, y of the crop's top-left pixel in the full picture."""
+    rgb_chunk: bytes
+    alpha_chunk: bytes
+    valid: bool = True
+    """False: stored, but its fit or mask is not usable."""
+
+
+def encode_picture(picture: Picture) -> tuple[bytes, bytes]:
+    """The picture's colours and alpha as compressed chunks; runs well in worker processes."""
+    return (
+        zlib.compress(np.ascontiguousarray(picture.rgb).data, COMPRESSION_LEVEL),
+        zlib.compress(np.ascontiguousarray(picture.alpha).data, COMPRESSION_LEVEL),
+    )
+
+
+def write_sequence(
+    path: Path,
+    header: SequenceHeader,
+    crop_size: tuple[int, int],
+    pictures: Iterable[StoredPicture],
+) -> None:
+    """Leaves a complete prepared sequence at `path`, or nothing there.
+
+    Args:
+        path: the file; its folder must exist. A file of that name is replaced.
+        header: all but the pictures.
+        crop_size: width, height of every stored picture.
+        pictures: consumed one at a time, stored in this order.
+
+    Raises:
+        LayoutError: the header's arrays do not fit together, a picture has another size or comes
+            twice, or the disk refuses (full, not writable).
+    """
+    arrays = header_arrays(header)
+    _require_consistent(path, header, arrays)
+    part = path.with_name(path.name + ".part")
+    complete = False
+    try:
+        with _opened(path, part) as file:
+            _write_pictures(file, path, header, crop_size, pictures)
+            with _disk_errors(path):
+                file.attrs.update(header_attributes(header))
+                for name, values in arrays.items():
+                    _write_array(file, name, values)
+                for protocol in header.protocols:
+                    _write_protocol(file, protocol)
+        with _disk_errors(path):
+            _synchronise(part)
+            part.replace(path)
+            _synchronise(path.parent)
+        complete = True
+    finally:
+        if not complete:
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def _disk_errors(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise LayoutError(
+            f"{path}: could not be written ({error}): is the disk full or the folder read-only? "
+            "Nothing was left under this name"
+        ) from error
+
+
+@contextmanager
+def _opened(path: Path, part: Path) -> Iterator[h5py.File]:
+    with _disk_errors(path):
+        file = h5py.File(part, "w", libver="earliest")
+    try:
+        yield file
+    finally:
+        with _disk_errors(path):
+            file.close()
+
+
+def _require_consistent(path: Path, header: SequenceHeader, arrays: dict[str, Values]) -> None:
+    if not header.cameras or not len(header.frames):
+        raise LayoutError(f"{path}: a sequence needs at least one camera and one frame")
+    forms = {
+        name: Form(array.shape, str(array.dtype))
+        if isinstance(array, np.ndarray)
+        else Form((len(array),), "str")
+        for name, array in arrays.items()
+    }
+    for misfit in misfits(forms):
+        if not misfit.entry.startswith("pictures/"):
+            raise LayoutError(f"{path}: {misfit.entry} {misfit.sentence}: nothing was written")
+    names = [camera.name for camera in header.cameras]
+    if len(set(names)) < len(names):
+        raise LayoutError(f"{path}: two cameras have the same name among {names}")
+    if np.any(np.diff(header.frames) <= 0):
+        raise LayoutError(f"{path}: frame numbers are not strictly ascending")
+
+
+def _write_pictures(
+    file: h5py.File,
+    path: Path,
+    header: SequenceHeader,
+    crop_size: tuple[int, int],
+    pictures: Iterable[StoredPicture],
+) -> None:
+    width, height = crop_size
+    forms = {"pictures/rgb": (height, width, 3), "pictures/alpha": (height, width)}
+    datasets = {name: _growing(file, name, shape) for name, shape in forms.items()}
+    row = np.full((len(header.cameras), len(header.frames)), -1, np.int32)
+    valid = np.zeros(row.shape, np.bool_)
+    offsets: list[tuple[int, int]] = []
+    for picture in pictures:
+        place = (picture.camera_index, picture.frame_index)
+        if not all(0 <= index < size for index, size in zip(place, row.shape, strict=True)):
+            raise LayoutError(
+                f"{path}: a picture of camera, frame {place}, but there are {row.shape}"
+            )
+        if row[place] >= 0:
+            raise LayoutError(f"{path}: the picture of camera, frame {place} comes twice")
+        row[place] = len(offsets)
+        valid[place] = picture.valid
+        offsets.append(picture.offset)
+        with _disk_errors(path):
+            _append_chunk(datasets["pictures/rgb"], picture.rgb_chunk)
+            _append_chunk(datasets["pictures/alpha"], picture.alpha_chunk)
+    for dataset in datasets.values():
+        dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_dataset(dataset)
+    _write_array(file, "pictures/offset", np.array(offsets, np.int32).reshape(-1, 2))
+    _write_array(file, "pictures/row", row)
+    _write_array(file, "pictures/valid", valid)
+
+
+def _growing(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    dataset = file.create_dataset(
+        name,
+        shape=(0, *shape),
+        maxshape=(None, *shape),
+        chunks=(1, *shape),
+        dtype=np.uint8,
+        compression="gzip",
+        compression_opts=COMPRESSION_LEVEL,
+    )
+    _describe(dataset, name)
+    return dataset
+
+
+def _append_chunk(dataset: h5py.Dataset, chunk: bytes) -> None:
+    count, *shape = dataset.shape
+    found, expected = len(zlib.decompress(chunk)), int(np.prod(shape))
+    if found != expected:
+        raise LayoutError(
+            f"{dataset.file.filename}: {dataset.name}: a picture of {found} bytes, expected "
+            f"{expected} for {tuple(shape)}"
+        )
+    dataset.resize(count + 1, axis=0)
+    dataset.id.write_direct_chunk((count, *(0 for _ in shape)), chunk)
+
+
+def _write_protocol(file: h5py.File, protocol: Protocol) -> None:
+    group = file.create_group(f"protocols/{protocol.name}")
+    group.attrs["role"] = protocol.role
+    group.attrs["training_camera"] = protocol.training_camera
+    name = f"protocols/{protocol.name}"
+    _write_array(file, f"{name}/evaluation_cameras", protocol.evaluation_cameras)
+    _write_array(file, f"{name}/pretraining_frames", _numbers(protocol.pretraining_frames))
+    _write_array(file, f"{name}/evaluation_frames", _numbers(protocol.evaluation_frames))
+    for shots in protocol.shots:
+        place = f"{name}/shots/{shots.name}/{shots.list_name}"
+        _write_array(file, f"{place}/frames", _numbers(shots.frames))
+        _write_array(file, f"{place}/support", _numbers(shots.support))
+
+
+def _numbers(frames: Sequence[int]) -> _Array:
+    return np.array(frames, np.int64)
+
+
+def _write_array(file: h5py.File, name: str, array: Values) -> None:
+    if isinstance(array, np.ndarray):
+        large = name == "fits/posed_vertices"
+        dataset = file.create_dataset(
+            name,
+            data=array,
+            chunks=(1, *array.shape[1:]) if large else None,
+            compression="gzip" if large else None,
+            compression_opts=COMPRESSION_LEVEL if large else None,
+            shuffle=large,
+        )
+        dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_arrays([array])
+    else:
+        encoded = [line.encode() for line in array]
+        length = max([1, *map(len, encoded)])
+        kind = h5py.string_dtype("utf-8", length)
+        dataset = file.create_dataset(name, data=np.array(encoded, f"S{length}"), dtype=kind)
+        dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_strings(array)
+    _describe(dataset, name)
+
+
+_MEANINGS = {entry.path: entry for entry in ENTRIES}
+
+
+def _describe(dataset: h5py.Dataset, name: str) -> None:
+    if name in _MEANINGS:
+        entry = _MEANINGS[name]
+        dataset.attrs["axes"] = ", ".join(entry.axes)
+        dataset.attrs["meaning"] = entry.meaning
+
+
+def _synchronise(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
