@@ -18,7 +18,9 @@ def body_box(posed_joints: Float64, margin: float = BOX_MARGIN) -> Float64:
     return np.stack([posed_joints.min(axis=0) - margin, posed_joints.max(axis=0) + margin])
 
 
-def meets_box(pixels: Float64, K: Float64, camera_from_body: Float64, box: Float64) -> NDArray[np.bool_]:
+def meets_box(
+    pixels: Float64, K: Float64, camera_from_body: Float64, box: Float64
+) -> NDArray[np.bool_]:
     """Whether each pixel's ray (pixels (N, 2): x, y) meets the box in front of the camera.
 
     A ray that touches a face, an edge or a corner meets the box, and so does every ray of a

@@ -80,7 +80,10 @@ def posed_mesh(posed: PosedActor[ActorState], options: MeshOptions) -> Mesh:
     """
     lower, upper = posed.pose.bounds
     counts = torch.ceil((upper - lower) / options.resolution).int().tolist()
-    axes = [lower[a] + options.resolution * torch.arange(n + 1).to(lower) for a, n in enumerate(counts)]
+    axes = [
+        corner + options.resolution * torch.arange(count + 1).to(lower)
+        for corner, count in zip(lower, counts, strict=True)
+    ]
     density = torch.zeros([len(axis) for axis in axes])
     for i, x in enumerate(axes[0]):  # a slice at a time bounds the memory
         plane = torch.stack(torch.meshgrid(x[None], axes[1], axes[2], indexing="ij"), dim=-1)
