@@ -3,7 +3,7 @@
 The published pipeline undistorts picture and mask (bilinear, same K), composites at full size and
 resizes the composite. A file without a background colour in it must give the same composite for
 any background b. With the picture I and the mask a (0 to 1, soft at the silhouette because it is
-undistorted bilinearly, as published), resize(I a + b (1 - a)) = P + b (1 - A), where P = resize(I a)
+undistorted bilinearly, as published), resize(I a + b (1 - a)) = P + b (1 - A) for P = resize(I a)
 and A = resize(a), since the filter is linear and its weights sum to 1. So A is stored as the alpha
 and P / A as the straight colour. Pixels with A = 0 hold the resized picture within a few pixels of
 the person (or everywhere, with the background kept) and zero elsewhere.
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actorsnerf_datasets import types
+from actorsnerf_datasets.cameras import scaled_intrinsics
 from actorsnerf_preprocess.source import RawPicture, SourceCamera
 
 Float32 = NDArray[np.float32]
@@ -106,18 +107,11 @@ def stored_size(size: tuple[int, int], scale: float) -> tuple[int, int]:
 
 
 def stored_camera(camera: SourceCamera, scale: float) -> types.Camera:
-    """The camera of the stored pictures: undistorted and resized.
-
-    A scale s maps pixel c to (c + 0.5) s - 0.5, so the focal lengths and the skew are multiplied
-    by s and the principal point moves by the half pixel.
-    """
-    K = camera.K.astype(np.float64).copy()
-    K[:2] *= scale
-    K[:2, 2] += 0.5 * scale - 0.5
+    """The camera of the stored pictures: undistorted and resized."""
     return types.Camera(
         name=camera.name,
         source_index=camera.source_index,
-        K=K,
+        K=scaled_intrinsics(camera.K, scale),
         R=camera.R,
         T=camera.T,
         size=stored_size(camera.size, scale),

@@ -1,0 +1,153 @@
+"""Pictures and masks of a folder tree, one file each: a `FrameReader` of image files."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from actorsnerf_datasets.types import UInt8
+from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture
+
+READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+"""Pixels as stored: a camera's K knows nothing of the orientation that a viewer would apply."""
+JPEG_MASK_THRESHOLD = 127
+"""Masks stored as JPEG are 0 and 255 plus compression noise; in all others, not 0 is person."""
+
+
+@dataclass(frozen=True)
+class PictureFiles:
+    """Where one picture and its masks are, below the reader's root; masks may be absolute."""
+
+    image: str
+    masks: tuple[str, ...]
+
+
+class ImageReader:
+    """Reads image files; the person is where any of a picture's masks is not zero."""
+
+    frames_per_task = 16
+
+    def __init__(
+        self,
+        root: Path,
+        files: dict[tuple[int, int], PictureFiles],
+        sizes: tuple[tuple[int, int], ...],
+    ) -> None:
+        """A reader of the (camera index, frame index) pairs in `files`.
+
+        Args:
+            root: the sequence's folder.
+            files: the pairs that may be asked for.
+            sizes: width and height of each camera's pictures.
+        """
+        self._root = root
+        self._files = files
+        self._sizes = sizes
+
+    def files(self, camera_index: int, frame_index: int) -> tuple[Path, ...]:
+        """The picture's file, then its masks."""
+        files = self._files[camera_index, frame_index]
+        return tuple(self._root / name for name in (files.image, *files.masks))
+
+    def probe(self, camera_index: int, frame_index: int) -> MaskProbe | Absent:
+        """The mask, and a digest over the bytes of the picture and its masks."""
+        contents = _contents(self.files(camera_index, frame_index))
+        if isinstance(contents, Absent):
+            return contents
+        digest = hashlib.sha256()
+        for content in contents:
+            digest.update(content)
+        mask = self._mask(camera_index, frame_index, contents)
+        return mask if isinstance(mask, Absent) else MaskProbe(mask, digest.hexdigest())
+
+    def read_many(
+        self, camera_index: int, frame_indices: Sequence[int]
+    ) -> Iterator[RawPicture | Absent]:
+        """One item per frame index, in order."""
+        for frame_index in frame_indices:
+            yield self._read(camera_index, frame_index)
+
+    def _read(self, camera_index: int, frame_index: int) -> RawPicture | Absent:
+        paths = self.files(camera_index, frame_index)
+        contents = _contents(paths)
+        if isinstance(contents, Absent):
+            return contents
+        image = cv2.imdecode(np.frombuffer(contents[0], np.uint8), READ_FLAGS)
+        if image is None:
+            return Absent(str(paths[0]), "not a readable picture")
+        size = self._sizes[camera_index]
+        if image.shape[1::-1] != size:
+            return Absent(str(paths[0]), f"{_by(image.shape[1::-1])} instead of {_by(size)}")
+        mask = self._mask(camera_index, frame_index, contents)
+        if isinstance(mask, Absent):
+            return mask
+        return RawPicture(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), mask)
+
+    def _mask(
+        self, camera_index: int, frame_index: int, contents: list[bytes]
+    ) -> UInt8 | Absent | None:
+        paths = self.files(camera_index, frame_index)
+        size = self._sizes[camera_index]
+        union: UInt8 | None = None
+        for path, content in zip(paths[1:], contents[1:], strict=True):
+            mask = person_mask(content)
+            if mask is None:
+                return Absent(str(path), "not a readable mask")
+            found = (mask.shape[1], mask.shape[0])
+            if found != size:
+                if found[0] * size[1] != found[1] * size[0]:
+                    return Absent(str(path), f"mask of {_by(found)} for a picture of {_by(size)}")
+                mask = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+            union = mask if union is None else np.maximum(union, mask)
+        return union
+
+
+def person_mask(content: bytes) -> UInt8 | None:
+    """The mask in the bytes of an image file: (H, W), 255 on the person, 0 elsewhere.
+
+    Labels, palettes and colours alike: what is not zero in any channel is the person. None if the
+    bytes are no image.
+    """
+    mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if mask is None:
+        return None
+    if mask.ndim == 3:
+        mask = mask[..., :3].max(axis=2)
+    threshold = JPEG_MASK_THRESHOLD if content[:2] == b"\xff\xd8" else 0
+    return (mask > threshold).astype(np.uint8) * np.uint8(255)
+
+
+def picture_size(path: Path) -> tuple[int, int] | None:
+    """Width and height of an image file; None if it is not readable."""
+    image = cv2.imread(str(path), READ_FLAGS)
+    return None if image is None else (image.shape[1], image.shape[0])
+
+
+def _contents(paths: Sequence[Path]) -> list[bytes] | Absent:
+    contents = []
+    for path in paths:
+        try:
+            contents.append(path.read_bytes())
+        except FileNotFoundError:
+            return Absent(str(path), "missing")
+        except OSError as error:
+            return Absent(str(path), f"cannot be read ({error.strerror})")
+        if not _complete(contents[-1]):
+            return Absent(str(path), "truncated")
+    return contents
+
+
+def _complete(content: bytes) -> bool:
+    """Whether an image file ends as it should; decoders fill what is cut off with grey."""
+    if content[:2] == b"\xff\xd8":
+        return b"\xff\xd9" in content[-256:]
+    if content[:4] == b"\x89PNG":
+        return b"IEND" in content[-256:]
+    return len(content) > 0
+
+
+def _by(size: tuple[int, ...]) -> str:
+    return f"{size[0]} x {size[1]}"
