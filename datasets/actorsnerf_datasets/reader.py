@@ -5,7 +5,6 @@ import os
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import h5py
 import numpy as np
@@ -33,7 +32,7 @@ class SequenceFile:
     def __getstate__(self) -> dict[str, object]:
         return {"path": self.path, "_handle": None, "_process": 0}
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "SequenceFile":
         return self
 
     def __exit__(
