@@ -15,6 +15,16 @@ from actorsnerf_model.states import Camera
 
 
 @dataclass(frozen=True)
+class Rays:
+    """Rays of one camera."""
+
+    origin: Float[Tensor, "3"]
+    """The camera's centre, body frame, metres."""
+    directions: Float[Tensor, "rays 3"]
+    """Body frame; their component along the optical axis is 1."""
+
+
+@dataclass(frozen=True)
 class Span:
     """Where rays run inside a box."""
 
@@ -26,33 +36,29 @@ class Span:
     """True where a stretch of positive length lies inside and before the camera."""
 
 
-def rays_through(
-    pixels: Float[Tensor, "rays 2"], camera: Camera
-) -> tuple[Float[Tensor, "3"], Float[Tensor, "rays 3"]]:
-    """The camera's centre and each pixel's direction, in the body frame.
+def rays_through(pixels: Float[Tensor, "rays 2"], camera: Camera) -> Rays:
+    """The rays through pixel coordinates.
 
     Args:
         pixels: x, y; the centre of the top-left pixel is (0, 0).
         camera: seen from the body frame.
-
-    Returns:
-        The common origin, metres; directions whose component along the optical axis is 1.
     """
     rotation, translation = camera.camera_from_body[:3, :3], camera.camera_from_body[:3, 3]
     homogeneous = torch.cat([pixels, torch.ones_like(pixels[:, :1])], -1)
-    directions = homogeneous @ torch.linalg.inv(camera.K).T @ rotation
-    return -translation @ rotation, directions
+    with torch.autocast(pixels.device.type, enabled=False):
+        directions = homogeneous @ torch.linalg.inv(camera.K).T @ rotation
+        return Rays(-translation @ rotation, directions)
 
 
-def intersect_box(
-    origin: Float[Tensor, "3"], directions: Float[Tensor, "rays 3"], box: Float[Tensor, "2 3"]
-) -> Span:
+def intersect_box(rays: Rays, box: Float[Tensor, "2 3"]) -> Span:
     """The stretch of each ray inside a box, by slabs.
 
     A ray parallel to a face is inside that slab or never meets it; faces belong to the box. A box
     behind the camera is missed, and a camera inside the box sees from `NEAR_PLANE` on. The released
-    code counts faces met (drops rays through edges and corners), and meets boxes behind the camera.
+    code counts faces met (drops rays through edges and corners), meets boxes behind the camera, and
+    widens the box by 1 cm against rounding.
     """
+    origin, directions = rays.origin, rays.directions
     parallel = directions == 0
     divisor = torch.where(parallel, torch.ones_like(directions), directions)
     low, high = (box[0] - origin) / divisor, (box[1] - origin) / divisor
@@ -96,11 +102,27 @@ def sample_depths(
     return low + (high - low) * jitter
 
 
+def draw_jitter(
+    rays: Rays, samples: int, generator: torch.Generator | None
+) -> Float[Tensor, "rays samples"] | None:
+    """The places of all samples in their strata, in [0, 1); None without a generator.
+
+    Drawn for all rays, also those that miss, so that a ray's samples do not depend on the bounds.
+    """
+    if generator is None:
+        return None
+    like = rays.directions
+    drawn = torch.rand(
+        (like.shape[0], samples), generator=generator, device=generator.device, dtype=like.dtype
+    )
+    return drawn.to(like.device)
+
+
 def spacings(
     depths: Float[Tensor, "rays samples"],
     near: Float[Tensor, "rays"],
     far: Float[Tensor, "rays"],
-    directions: Float[Tensor, "rays 3"],
+    rays: Rays,
 ) -> Float[Tensor, "rays samples"]:
     """Length of the ray that each sample stands for, metres.
 
@@ -111,11 +133,19 @@ def spacings(
         depths: ascending.
         near: of each ray, metres.
         far: of each ray, metres.
-        directions: of each ray; their lengths turn depth into distance.
+        rays: the lengths of their directions turn depth into distance.
     """
     regular = (far - near) / max(depths.shape[1] - 1, 1)
     steps = torch.cat([depths[:, 1:] - depths[:, :-1], regular[:, None]], -1)
-    return steps * directions.norm(dim=-1, keepdim=True)
+    return steps * rays.directions.norm(dim=-1, keepdim=True)
 
 
-__all__ = ["Span", "intersect_box", "rays_through", "sample_depths", "spacings"]
+__all__ = [
+    "Rays",
+    "Span",
+    "draw_jitter",
+    "intersect_box",
+    "rays_through",
+    "sample_depths",
+    "spacings",
+]

@@ -5,7 +5,7 @@ Each method has its own `ActorState`; a baked actor is one more.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -115,6 +115,7 @@ class RenderOptions:
 ActorState = TypeVar("ActorState")
 
 
+@runtime_checkable
 class Method(Protocol[ActorState]):
     """What the renderer and both trainings need of a method."""
 

@@ -1,0 +1,102 @@
+"""The reference renderer: all samples, all bones, every network on every sample, masked afterwards.
+
+Slow and plain on purpose: it is the oracle of `render` and what its speed is measured against. It
+shares with it only what defines the picture: the rays, the bounds, and where samples lie.
+"""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from actorsnerf_model.rays import Rays, draw_jitter, intersect_box, sample_depths
+from actorsnerf_model.states import (
+    ActorState,
+    Counts,
+    FieldValues,
+    Located,
+    Method,
+    PoseState,
+    Rendering,
+    RenderOptions,
+)
+
+
+def reference_render_pixels(
+    method: Method[ActorState],
+    actor: ActorState,
+    pose: PoseState,
+    rays: Rays,
+    options: RenderOptions,
+    generator: torch.Generator | None = None,
+) -> Rendering:
+    """The colours of rays, (rays,), without any saving; in float64 if the states are.
+
+    A threshold of 0 makes `locate` return every point; the test follows here. The options
+    `occupancy` and `stop_transmittance` are ignored.
+
+    Args:
+        method: the model.
+        actor: its `actor_state`.
+        pose: its `pose_state`.
+        rays: in the posed body frame.
+        options: samples, threshold, background and mask.
+        generator: jitters the samples; None spaces them evenly.
+    """
+    count, samples = rays.directions.shape[0], options.samples
+    jitter = draw_jitter(rays, samples, generator)
+    span = intersect_box(rays, pose.bounds)
+    depths = sample_depths(span.near, span.far, samples, jitter)
+    points = rays.origin + depths[:, :, None] * rays.directions[:, None]
+    located, values = _everything(method, actor, pose, points.reshape(-1, 3), options.chunk)
+    likelihood = located.likelihood.reshape(count, samples)
+    person = (likelihood >= options.threshold) & span.hit[:, None]
+    density = torch.where(person, values.density.reshape(count, samples), 0)
+    rgb = values.rgb.reshape(count, samples, 3)
+    stops = (span.far - span.near) / max(samples - 1, 1)
+    light = torch.ones_like(span.near)
+    colour = torch.zeros_like(rays.directions)
+    alpha, distance = torch.zeros_like(light), torch.zeros_like(light)
+    for sample in range(samples):
+        last = sample == samples - 1
+        step = stops if last else depths[:, sample + 1] - depths[:, sample]
+        length = step * rays.directions.norm(dim=-1)
+        opacity = 1 - torch.exp(-density[:, sample] * length)
+        if options.soft_mask:
+            opacity = opacity * likelihood[:, sample]
+        weight = light * opacity
+        light = light * (1 - opacity)
+        colour = colour + weight[:, None] * rgb[:, sample]
+        alpha = alpha + weight
+        distance = distance + weight * depths[:, sample]
+    colour = colour + light[:, None] * colour.new_tensor(options.background)
+    hits = int(span.hit.sum())
+    return Rendering(colour, alpha, distance, Counts(hits, hits * samples, count * samples))
+
+
+def _everything(
+    method: Method[ActorState],
+    actor: ActorState,
+    pose: PoseState,
+    points: Float[Tensor, "points 3"],
+    chunk: int,
+) -> tuple[Located, FieldValues]:
+    """Every point located and through the field, `chunk` points at a time."""
+    located, values = [], []
+    for part in points.split(chunk):
+        located.append(method.locate(actor, pose, part, 0.0))
+        assert located[-1].index.shape[0] == part.shape[0], "threshold 0 must keep every point"
+        values.append(method.field(actor, pose, located[-1]))
+    return (
+        Located(
+            torch.arange(points.shape[0], device=points.device),
+            torch.cat([part.canonical for part in located]),
+            torch.cat([part.likelihood for part in located]),
+        ),
+        FieldValues(
+            torch.cat([part.rgb for part in values]).to(points.dtype),
+            torch.cat([part.density for part in values]).to(points.dtype),
+        ),
+    )
+
+
+__all__ = ["reference_render_pixels"]

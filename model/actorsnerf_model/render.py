@@ -1,0 +1,256 @@
+"""The renderer: cull, locate, field, composite; empty space never reaches a network.
+
+    rays -> bounds -> samples -> occupied cells -> likelihood -> survivors -> field -> composite
+
+Every step before the field only drops samples that the field would be asked for in vain, so the
+picture is the reference renderer's. Culling needs no gradient; the survivors keep theirs.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from actorsnerf_model.footprint import footprint
+from actorsnerf_model.rays import (
+    Rays,
+    draw_jitter,
+    intersect_box,
+    rays_through,
+    sample_depths,
+    spacings,
+)
+from actorsnerf_model.states import (
+    ActorState,
+    Camera,
+    Counts,
+    Located,
+    Method,
+    Occupancy,
+    PoseState,
+    Rendering,
+    RenderOptions,
+)
+from actorsnerf_model.volume_rendering import Composited, composite, optical_depth
+
+RAYS_AT_ONCE = 8192
+"""Rays whose samples are laid out together; bounds the memory of a picture."""
+POINTS_AT_ONCE = 65536
+"""Points that are located together."""
+STRIDE = 8
+"""Survivors of a ray that go through the networks before its light is measured again."""
+
+
+@dataclass(frozen=True)
+class _Scene(Generic[ActorState]):
+    method: Method[ActorState]
+    actor: ActorState
+    pose: PoseState
+    options: RenderOptions
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Samples on rays that meet the bounds."""
+
+    rays: Rays
+    depths: Float[Tensor, "rays samples"]
+    spacing: Float[Tensor, "rays samples"]
+
+
+@dataclass(frozen=True)
+class _Survivors:
+    """Samples that went through the field; `place` counts through rays, then samples."""
+
+    place: Int[Tensor, "survivors"]
+    rgb: Float[Tensor, "survivors 3"]
+    thickness: Float[Tensor, "survivors"]
+
+
+def render(
+    method: Method[ActorState],
+    actor: ActorState,
+    pose: PoseState,
+    camera: Camera,
+    options: RenderOptions,
+) -> Rendering:
+    """A whole picture, (height, width); its cost grows with the person, not with the picture.
+
+    Only pixels in the shadow of the occupied cells (or of the bounds) become rays; the others are
+    background, and `counts.rays` leaves them out.
+
+    Args:
+        method: the model.
+        actor: its `actor_state`.
+        pose: its `pose_state`.
+        camera: seen from the posed body frame.
+        options: how to spend work.
+    """
+    width, height = camera.size
+    where = footprint(pose, camera, options.occupancy).reshape(-1).nonzero()[:, 0]
+    pixels = torch.stack([where % width, where // width], -1).to(camera.K.dtype)
+    seen = render_pixels(method, actor, pose, rays_through(pixels, camera), options)
+    background = seen.rgb.new_tensor(options.background)
+    rgb = background.repeat(height * width, 1).index_copy(0, where, seen.rgb)
+    alpha = seen.alpha.new_zeros(height * width).index_copy(0, where, seen.alpha)
+    depth = seen.depth.new_zeros(height * width).index_copy(0, where, seen.depth)
+    return Rendering(
+        rgb.reshape(height, width, 3),
+        alpha.reshape(height, width),
+        depth.reshape(height, width),
+        seen.counts,
+    )
+
+
+def render_pixels(
+    method: Method[ActorState],
+    actor: ActorState,
+    pose: PoseState,
+    rays: Rays,
+    options: RenderOptions,
+    generator: torch.Generator | None = None,
+) -> Rendering:
+    """The colours of rays, (rays,); differentiable in what the states and the method hold.
+
+    Args:
+        method: the model.
+        actor: its `actor_state`.
+        pose: its `pose_state`.
+        rays: in the posed body frame, of `rays_through`.
+        options: how to spend work.
+        generator: jitters the samples (training); None spaces them evenly.
+    """
+    jitter = draw_jitter(rays, options.samples, generator)
+    span = intersect_box(rays, pose.bounds)
+    hit = span.hit.nonzero()[:, 0]
+    background = rays.directions.new_tensor(options.background)
+    rgb = background.repeat(rays.directions.shape[0], 1)
+    alpha = torch.zeros_like(rgb[:, 0])
+    depth = torch.zeros_like(alpha)
+    scene = _Scene(method, actor, pose, options)
+    survivors = 0
+    for part in hit.split(RAYS_AT_ONCE):
+        some = Rays(rays.origin, rays.directions[part])
+        strata = None if jitter is None else jitter[part]
+        depths = sample_depths(span.near[part], span.far[part], options.samples, strata)
+        spacing = spacings(depths, span.near[part], span.far[part], some)
+        samples = _Samples(some, depths, spacing)
+        found = _survivors(scene, samples)
+        survivors += found.place.shape[0]
+        row, seen = _composited(samples, found, background)
+        rgb = rgb.index_copy(0, part[row], seen.rgb)
+        alpha = alpha.index_copy(0, part[row], seen.alpha)
+        depth = depth.index_copy(0, part[row], seen.depth)
+    counts = Counts(hit.shape[0], hit.shape[0] * options.samples, survivors)
+    return Rendering(rgb, alpha, depth, counts)
+
+
+def _survivors(scene: _Scene[ActorState], samples: _Samples) -> _Survivors:
+    """The samples that can be seen, through the field."""
+    located = _located(scene, samples)
+    if scene.options.stop_transmittance > 0:
+        return _until_opaque(scene, samples, located)
+    return _through_field(scene, samples, located)
+
+
+def _located(scene: _Scene[ActorState], samples: _Samples) -> Located:
+    """The samples that pass the foreground test; their index counts through rays, then samples."""
+    count = samples.depths.shape[1]
+    occupancy = scene.pose.occupancy if scene.options.occupancy else None
+    pieces = []
+    for part in _candidates(samples, occupancy).split(POINTS_AT_ONCE):
+        depth = samples.depths.reshape(-1)[part]
+        points = samples.rays.origin + depth[:, None] * samples.rays.directions[part // count]
+        located = scene.method.locate(scene.actor, scene.pose, points, scene.options.threshold)
+        pieces.append(replace(located, index=part[located.index]))
+    return Located(
+        torch.cat([piece.index for piece in pieces]),
+        torch.cat([piece.canonical for piece in pieces]),
+        torch.cat([piece.likelihood for piece in pieces]),
+    )
+
+
+@torch.no_grad()
+def _candidates(samples: _Samples, occupancy: Occupancy | None) -> Int[Tensor, "candidates"]:
+    """Ascending numbers of the samples in occupied cells, or of all."""
+    depths = samples.depths
+    if occupancy is None:
+        return torch.arange(depths.numel(), device=depths.device)
+    cell = torch.zeros_like(depths, dtype=torch.long)
+    for axis, size in enumerate(occupancy.cells.shape):
+        scale = size / (occupancy.box[1, axis] - occupancy.box[0, axis])
+        start = (samples.rays.origin[axis] - occupancy.box[0, axis]) * scale
+        along = torch.addcmul(start, depths, samples.rays.directions[:, axis, None] * scale)
+        # Samples lie in the box up to rounding, which must not lose those on its faces.
+        cell = cell * size + along.floor_().clamp_(0, size - 1).long()
+    return occupancy.cells.reshape(-1)[cell].reshape(-1).nonzero()[:, 0]
+
+
+def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:
+    options = scene.options
+    rgb, density = [], []
+    for first in range(0, located.index.shape[0], options.chunk):
+        part = _chosen(located, slice(first, first + options.chunk))
+        values = scene.method.field(scene.actor, scene.pose, part)
+        rgb.append(values.rgb.to(samples.depths.dtype))
+        density.append(values.density.to(samples.depths.dtype))
+    if not rgb:
+        return _Survivors(located.index, located.canonical, located.likelihood)
+    likelihood = located.likelihood if options.soft_mask else None
+    spacing = samples.spacing.reshape(-1)[located.index]
+    thickness = optical_depth(torch.cat(density), spacing, likelihood)
+    return _Survivors(located.index, torch.cat(rgb), thickness)
+
+
+def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:
+    """The same front to back, a few survivors of every ray at a time, until its light is spent.
+
+    What is left out has at most `stop_transmittance` of the light, and so of the colour.
+    """
+    rays, count = samples.depths.shape
+    ray = located.index // count
+    per_ray = torch.bincount(ray, minlength=rays)
+    rank = torch.arange(ray.shape[0], device=ray.device) - (per_ray.cumsum(0) - per_ray)[ray]
+    enough = -math.log(scene.options.stop_transmittance)
+    absorbed = samples.depths.new_zeros(rays)
+    seen = []
+    for first in range(0, count, STRIDE):
+        due = (rank >= first) & (rank < first + STRIDE) & (absorbed[ray] < enough)
+        now = due.nonzero()[:, 0]
+        if now.shape[0] == 0 and first > 0:
+            break
+        seen.append(_through_field(scene, samples, _chosen(located, now)))
+        absorbed = absorbed.index_add(0, ray[now], seen[-1].thickness.detach())
+    return _Survivors(
+        torch.cat([part.place for part in seen]),
+        torch.cat([part.rgb for part in seen]),
+        torch.cat([part.thickness for part in seen]),
+    )
+
+
+def _chosen(located: Located, which: Tensor | slice) -> Located:
+    return Located(located.index[which], located.canonical[which], located.likelihood[which])
+
+
+def _composited(
+    samples: _Samples, found: _Survivors, background: Float[Tensor, "3"]
+) -> tuple[Int[Tensor, "seen"], Composited]:
+    """Rays with survivors, and their colours."""
+    rays, count = samples.depths.shape
+    ray = found.place // count
+    row = torch.zeros(rays, dtype=torch.bool, device=ray.device).index_fill_(0, ray, True)
+    seen = row.nonzero()[:, 0]
+    place = (row.cumsum(0) - 1)[ray] * count + found.place % count
+    thickness = found.thickness.new_zeros(seen.shape[0] * count)
+    thickness = thickness.index_copy(0, place, found.thickness)
+    rgb = found.rgb.new_zeros(seen.shape[0] * count, 3).index_copy(0, place, found.rgb)
+    shape = (seen.shape[0], count)
+    return seen, composite(
+        rgb.reshape(*shape, 3), thickness.reshape(shape), samples.depths[seen], background
+    )
+
+
+__all__ = ["render", "render_pixels"]

@@ -1,0 +1,144 @@
+"""What the model's tests share: a skeleton, poses, and a method without networks."""
+
+from dataclasses import dataclass
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
+from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
+from actorsnerf_model.skinning import SkinningVolume, canonical_box, skinning_volume
+from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
+from actorsnerf_model.skinning_prior import log_prior
+from actorsnerf_model.states import Camera, FieldValues, Located, Method, PoseState
+
+SEED = 20231002
+THRESHOLD = 0.01
+HALF = [
+    [0.06, -0.31, 0.02],
+    [0.10, -0.70, 0.01],
+    [0.09, -1.10, -0.03],
+    [0.12, -1.16, 0.09],
+    [0.08, 0.19, 0.00],
+    [0.17, 0.22, -0.02],
+    [0.43, 0.21, -0.04],
+    [0.68, 0.22, -0.04],
+    [0.76, 0.21, -0.06],
+]
+"""Left hip, knee, ankle, foot, collar, shoulder, elbow, wrist, hand of a grown-up T-pose, metres."""
+MIDDLE = [[0, -0.22, 0.02], [0, -0.11, -0.01], [0, 0.03, 0], [0, 0.08, 0.03]]
+NECK = [[0, 0.29, -0.01], [0, 0.38, 0.04]]
+
+
+@pytest.fixture
+def generator() -> torch.Generator:
+    """Seeded; the seed is in this file."""
+    return torch.Generator().manual_seed(SEED)
+
+
+@pytest.fixture
+def rest_joints() -> Tensor:
+    """The 24 joints of an invented grown-up at rest, metres, float64."""
+    places = torch.zeros(24, 3, dtype=torch.float64)
+    places[[0, 3, 6, 9]] = torch.tensor(MIDDLE, dtype=torch.float64)
+    places[[12, 15]] = torch.tensor(NECK, dtype=torch.float64)
+    left = torch.tensor(HALF, dtype=torch.float64)
+    places[[1, 4, 7, 10, 13, 16, 18, 20, 22]] = left
+    places[[2, 5, 8, 11, 14, 17, 19, 21, 23]] = left * left.new_tensor([-1, 1, 1])
+    return places
+
+
+@dataclass(frozen=True)
+class ToyActor:
+    """What the toy method knows of its actor."""
+
+    canonical_joints: Tensor
+    volume: SkinningVolume
+    bounds: SkinningBounds
+    tables: OccupancyTables
+
+
+class ToyMethod(nn.Module):
+    """Real skinning, and a field that is a formula of the canonical point."""
+
+    def __init__(self, canonical_joints: Tensor, nodes: int) -> None:
+        super().__init__()
+        dtype = canonical_joints.dtype
+        self.canonical_joints = canonical_joints
+        generator = torch.Generator().manual_seed(SEED)
+        shape = (25, nodes, nodes, nodes)
+        residual = 0.5 * torch.randn(shape, generator=generator, dtype=dtype)
+        self.residual = nn.Parameter(residual)
+        self.colours = nn.Parameter(torch.randn(3, 3, generator=generator, dtype=dtype))
+        self.density = nn.Parameter(torch.tensor(30.0, dtype=dtype))
+        self.asked = 0
+        """Points that went through `field`."""
+
+    def actor_state(self, supports: tuple[View, ...], window: float) -> ToyActor:
+        box = canonical_box(self.canonical_joints)
+        nodes = self.residual.shape[1]
+        prior = log_prior(self.canonical_joints, box, (nodes, nodes, nodes))
+        volume = skinning_volume(self.residual, prior, box)
+        bounds = skinning_bounds(volume)
+        tables = occupancy_tables(volume, bounds, cell=0.06)
+        return ToyActor(self.canonical_joints, volume, bounds, tables)
+
+    def pose_state(self, actor: ToyActor, pose: Tensor, rest_joints: Tensor) -> PoseState:
+        there, back = bone_motions(pose, rest_joints, actor.canonical_joints)
+        box = observation_bounds(posed_frames(pose, rest_joints)[1])
+        occupancy = pose_occupancy(actor.tables, there, box, THRESHOLD)
+        return PoseState(pose, there, back, box, occupancy)
+
+    def locate(self, actor: ToyActor, pose: PoseState, points: Tensor, threshold: float) -> Located:
+        return locate(points, actor.volume, actor.bounds, pose.canonical_from_body, threshold)
+
+    def field(self, actor: ToyActor, pose: PoseState, located: Located) -> FieldValues:
+        self.asked += located.index.shape[0]
+        wave = torch.sin(7 * located.canonical @ self.colours)
+        density = self.density * torch.relu(0.5 + wave.sum(-1))
+        return FieldValues(torch.sigmoid(3 * wave), density)
+
+
+@dataclass(frozen=True)
+class ToyScene:
+    """Everything a renderer needs."""
+
+    method: ToyMethod
+    actor: ToyActor
+    pose: PoseState
+    camera: Camera
+
+
+def make_scene(rest_joints: Tensor, dtype: torch.dtype, nodes: int) -> ToyScene:
+    generator = torch.Generator().manual_seed(SEED)
+    joints = rest_joints.to(dtype)
+    axis_angles = 0.35 * torch.randn(24, 3, generator=generator, dtype=torch.float64)
+    axis_angles[0] = 0
+    method = ToyMethod(joints, nodes)
+    actor = method.actor_state((), 0.0)
+    pose = method.pose_state(actor, axis_angles.to(dtype), joints * 1.02)
+    K = torch.tensor([[44.0, 0, 15.5], [0, 44.0, 19.5], [0, 0, 1]], dtype=dtype)
+    camera_from_body = torch.eye(4, dtype=dtype)
+    # Camera y points down: turn the body about x by pi, then step back 3 m.
+    camera_from_body[:3, :3] = torch.diag(torch.tensor([1.0, -1.0, -1.0], dtype=dtype))
+    camera_from_body[:3, 3] = torch.tensor([0.05, -0.4, 3.0], dtype=dtype)
+    return ToyScene(method, actor, pose, Camera(K, camera_from_body, (32, 40)))
+
+
+@pytest.fixture
+def scene(rest_joints: Tensor) -> ToyScene:
+    """A posed toy actor before a camera of 32x40 pixels, float32."""
+    return make_scene(rest_joints, torch.float32, 16)
+
+
+@pytest.fixture
+def scene64(rest_joints: Tensor) -> ToyScene:
+    """The same in float64 with a smaller volume."""
+    return make_scene(rest_joints, torch.float64, 12)
+
+
+def _is_method(method: ToyMethod) -> Method[ToyActor]:
+    """For the type checker: the toy keeps the contract."""
+    return method
