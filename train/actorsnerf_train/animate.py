@@ -1,8 +1,34 @@
 """Pictures, videos and meshes of a trained actor from new views and in new poses."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from tqdm import tqdm
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_datasets.types import Float64, UInt8
+from actorsnerf_model.render import render
+from actorsnerf_model.states import ActorState, PoseState, Rendering
+from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
+from actorsnerf_train.pictures import to_bytes, write_depth, write_png, write_video
+from actorsnerf_train.pose_file import load_poses
+from actorsnerf_train.shots import (
+    Shot,
+    Turn,
+    chosen_frames,
+    file_shots,
+    foreign_shots,
+    own_shots,
+    turntable_shots,
+)
+from actorsnerf_train.trained import TrainedActor, load_trained, with_samples
 
 Motion = Literal["turntable", "t-pose", "view", "sequence", "pose-file"]
 
@@ -12,7 +38,7 @@ class AnimateOptions:
     """Renders a trained actor; no data file is needed for turntable, t-pose and pose-file."""
 
     checkpoint: Path
-    """Few-shot checkpoint (its folder)."""
+    """Few-shot run folder, or one of its checkpoints."""
     out: Path
     """Folder for the pictures and video.mp4."""
     motion: Motion = "turntable"
@@ -22,7 +48,7 @@ class AnimateOptions:
     data: Path | None = None
     """Prepared file (view, sequence)."""
     camera: str | None = None
-    """Camera of `data` (view, sequence); its training camera if left out."""
+    """Camera of `data` (view, sequence); its first if left out."""
     pose_file: Path | None = None
     """Motion file (pose-file)."""
     first: int = 0
@@ -50,7 +76,7 @@ class AnimateOptions:
     mesh_level: float = 20.0
     """Density of that surface, 1/metre."""
     samples: int | None = None
-    """Samples per ray; the checkpoint's own if left out."""
+    """Samples per ray; the training's own if left out."""
     device: str = "cpu"
     """cpu, cuda, cuda:1, ..."""
 
@@ -61,4 +87,135 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
     Raises:
         UserError: no such checkpoint, file, camera or pose; a pose file of another convention.
     """
-    raise NotImplementedError(options)
+    if options.mesh is not None and options.mesh.suffix not in MESH_SUFFIXES:
+        raise UserError(f"{options.mesh}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
+    trained = load_trained(options.checkpoint, torch.device(options.device))
+    return animate(trained, options)
+
+
+def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple[Path, ...]:
+    """The files written: pictures, video and mesh as the options ask.
+
+    Raises:
+        UserError: no such file, camera or pose; a pose file of another convention.
+    """
+    shots = shots_of(trained, options)
+    options.out.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+
+    def pictures() -> Iterator[UInt8]:
+        for i, shot in enumerate(tqdm(shots, desc="render", unit="picture")):
+            seen = take(trained, shot, options)
+            picture = to_bytes(seen.rgb)
+            written.extend(_write_shot(options, i, picture, seen))
+            yield picture
+
+    if options.video:
+        video = options.out / "video.mp4"
+        write_video(video, pictures(), options.fps)
+        written.append(video)
+    else:
+        for _ in pictures():
+            pass
+    if options.mesh is not None:
+        posed = PosedActor(trained.method, trained.state, _pose_state(trained, shots[0]))
+        threshold = trained.config.render.threshold
+        surface = MeshOptions(options.mesh_resolution, options.mesh_level, threshold)
+        write_mesh(options.mesh, posed_mesh(posed, surface))
+        written.append(options.mesh)
+    return tuple(written)
+
+
+def shots_of(trained: TrainedActor[ActorState], options: AnimateOptions) -> list[Shot]:
+    """The poses and cameras that the options ask for.
+
+    Raises:
+        UserError: an option that the motion needs is missing, or names something that is not there.
+    """
+    turn = Turn(options.pictures, options.size, options.elevation)
+    first = trained.supports[0]
+    rest_joints = _float64(first.canonical_joints)
+    match options.motion:
+        case "turntable":
+            return turntable_shots(_float64(first.pose), _float64(first.rest_joints), turn)
+        case "t-pose":
+            return turntable_shots(np.zeros((24, 3)), rest_joints, turn)
+        case "pose-file":
+            if options.pose_file is None:
+                raise UserError("--motion pose-file needs --pose-file FILE.pkl or FILE.npz.")
+            poses = load_poses(options.pose_file)
+            frames = _frames(options, len(poses.body_pose))
+            return file_shots(poses, frames, rest_joints, turn)
+        case "view" | "sequence":
+            return _sequence_shots(trained, options, rest_joints)
+
+
+def _sequence_shots(
+    trained: TrainedActor[ActorState], options: AnimateOptions, rest_joints: Float64
+) -> list[Shot]:
+    if options.data is None:
+        raise UserError(f"--motion {options.motion} needs --data FILE.h5, a prepared sequence.")
+    with SequenceFile(options.data) as file:
+        camera = 0 if options.camera is None else options.camera
+        frames = _frames(options, len(file.header.frames))
+        if options.motion == "sequence":
+            return foreign_shots(file, camera, frames, rest_joints)
+        if file.header.actor != trained.actor:
+            raise UserError(
+                f"{options.data}: shows actor {file.header.actor}, but the checkpoint was fitted "
+                f"to {trained.actor}; for another's motion take --motion sequence."
+            )
+        return own_shots(file, camera, frames)
+
+
+@torch.no_grad()
+def take(trained: TrainedActor[ActorState], shot: Shot, options: AnimateOptions) -> Rendering:
+    """One shot rendered."""
+    device = trained.device
+    camera = replace(
+        shot.camera,
+        K=shot.camera.K.to(device),
+        camera_from_body=shot.camera.camera_from_body.to(device),
+    )
+    return render(
+        trained.method,
+        trained.state,
+        _pose_state(trained, shot),
+        camera,
+        with_samples(trained.config.render, options.samples),
+    )
+
+
+def surface_depth(seen: Rendering) -> Float[Tensor, "height width"]:
+    """Distance along the optical axis, metres; 0 where less than half of the light is stopped."""
+    return torch.where(seen.alpha >= 0.5, seen.depth / seen.alpha.clamp(min=0.5), 0.0)
+
+
+def _pose_state(trained: TrainedActor[ActorState], shot: Shot) -> PoseState:
+    pose = torch.from_numpy(shot.pose).to(trained.device, torch.float32)
+    rest_joints = torch.from_numpy(shot.rest_joints).to(trained.device, torch.float32)
+    return trained.method.pose_state(trained.state, pose, rest_joints)
+
+
+def _write_shot(
+    options: AnimateOptions, number: int, picture: UInt8, seen: Rendering
+) -> list[Path]:
+    color = options.out / f"rgb_{number:04d}.png"
+    write_png(color, picture)
+    written = [color]
+    if options.alpha:
+        written.append(options.out / f"alpha_{number:04d}.png")
+        write_png(written[-1], to_bytes(seen.alpha[..., None].expand_as(seen.rgb))[..., 0])
+    if options.depth:
+        written.append(options.out / f"depth_{number:04d}.png")
+        write_depth(written[-1], surface_depth(seen))
+    return written
+
+
+def _frames(options: AnimateOptions, count: int) -> list[int]:
+    return chosen_frames(count, options.first, options.step, options.pictures)
+
+
+def _float64(values: Tensor) -> Float64:
+    array: Float64 = values.detach().cpu().double().numpy()
+    return array

@@ -1,10 +1,37 @@
-"""A protocol's unseen poses and views rendered and compared with the truth."""
+"""A protocol's unseen poses and views rendered and compared with the truth.
 
-from dataclasses import dataclass
+Pictures are compared whole: the truth is rebuilt from the stored crop on the background that the
+method was trained with, and the prediction is rendered at the full picture's size.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
-from actorsnerf_train.metrics import ConventionName
-from actorsnerf_train.result import Evaluation
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_datasets.selection import camera_index, find_protocol
+from actorsnerf_datasets.types import Protocol, UInt8
+from actorsnerf_model.states import ActorState
+from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.judge import Judged, Judgement, judge, strip_row
+from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
+from actorsnerf_train.machine import program_commit, this_machine
+from actorsnerf_train.metrics import ConventionName, Lpips, Scores, mean_scores
+from actorsnerf_train.pictures import strip, write_png
+from actorsnerf_train.records import to_json
+from actorsnerf_train.result import CameraRow, Evaluation, ImageRow, Json, MeanRow
+from actorsnerf_train.result_file import RESULT_NAME, markdown, write_result
+from actorsnerf_train.trained import TrainedActor, load_trained, with_samples
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -12,13 +39,13 @@ class EvaluateOptions:
     """Renders a protocol's evaluation frames and cameras and measures them."""
 
     checkpoint: Path
-    """Few-shot checkpoint (its folder)."""
+    """Few-shot run folder, or one of its checkpoints."""
     data: Path
     """Prepared file of the same actor."""
     out: Path
     """Folder for result.json, result.md and strip.png."""
     protocol: str | None = None
-    """Named protocol of the file; may be left out where it has one only."""
+    """Named protocol of the file; by default the one of the few-shot training."""
     conventions: tuple[ConventionName, ...] = ("paper", "strict", "box")
     """What the pictures are compared on (see metrics.py)."""
     max_frames: int | None = None
@@ -28,13 +55,28 @@ class EvaluateOptions:
     strip: int = 6
     """Rows (truth | prediction | error) of the picture strip; 0 writes none."""
     samples: int | None = None
-    """Samples per ray; the checkpoint's own if left out."""
+    """Samples per ray; the training's own if left out."""
     stop_transmittance: float = 0.0
     """Stop a ray once less light than this passes; 0 = never (exact)."""
-    lpips_weights: Path | None = None
-    """VGG-16 weights for LPIPS; by default those that `make setup` installed."""
+    lpips: LpipsFiles = field(default_factory=LpipsFiles)
     device: str = "cpu"
     """cpu, cuda, cuda:1, ..."""
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """Which pictures of a file a protocol evaluates."""
+
+    protocol: Protocol
+    frames: tuple[int, ...]
+    """Frame numbers."""
+    cameras: tuple[str, ...]
+    limited: bool
+    """Whether the protocol has more."""
+    pairs: tuple[tuple[int, int], ...]
+    """(camera, frame) positions with a valid picture."""
+    missing: tuple[tuple[str, int], ...]
+    """(camera, frame number) without."""
 
 
 def run_evaluate(options: EvaluateOptions) -> Evaluation:
@@ -43,4 +85,196 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
     Raises:
         UserError: no such checkpoint, file or protocol; another actor; no evaluation picture.
     """
-    raise NotImplementedError(options)
+    trained = load_trained(options.checkpoint, torch.device(options.device))
+    with SequenceFile(options.data) as file:
+        evaluation, rows = evaluate(trained, file, options)
+    options.out.mkdir(parents=True, exist_ok=True)
+    if rows:
+        write_png(options.out / "strip.png", strip(rows))
+    write_whole(options.out / "result.md", markdown(evaluation).encode())
+    write_result(options.out / RESULT_NAME, evaluation)
+    return evaluation
+
+
+def evaluate(
+    trained: TrainedActor[ActorState], file: SequenceFile, options: EvaluateOptions
+) -> tuple[Evaluation, list[list[UInt8]]]:
+    """The evaluation and the rows (truth, prediction, error) of its picture strip.
+
+    Raises:
+        UserError: another actor's file, no such protocol, or no picture to evaluate.
+    """
+    began = time.perf_counter()
+    plan = plan_evaluation(trained, file, options)
+    judgement = Judgement(
+        options.conventions,
+        replace(
+            with_samples(trained.config.render, options.samples),
+            stop_transmittance=options.stop_transmittance,
+        ),
+        _lpips(options.lpips, trained.device),
+    )
+    shown = set(_spread(range(len(plan.pairs)), options.strip)) if options.strip else set()
+    images: list[ImageRow] = []
+    rows: list[list[UInt8]] = []
+    for i, (camera, frame) in enumerate(tqdm(plan.pairs, desc="evaluate", unit="picture")):
+        judged = judge(trained, file, (camera, frame), judgement)
+        images += _image_rows(file, (camera, frame), judged)
+        if i in shown:
+            rows.append(strip_row(file, (camera, frame), judged))
+    evaluation = _evaluation(trained, file, plan, judgement, images)
+    return replace(evaluation, seconds=time.perf_counter() - began), rows
+
+
+def plan_evaluation(
+    trained: TrainedActor[ActorState], file: SequenceFile, options: EvaluateOptions
+) -> EvaluationPlan:
+    """Which pictures are to be evaluated.
+
+    Raises:
+        UserError: another actor's file, no such protocol, or no picture to evaluate.
+    """
+    header = file.header
+    if header.actor != trained.actor:
+        raise UserError(
+            f"{file.path}: shows actor {header.actor}, but {trained.path} was fitted to "
+            f"{trained.actor}: evaluate on that actor's file."
+        )
+    setting = trained.info.setting
+    known = setting.protocol if setting is not None else None
+    protocol = find_protocol(file, options.protocol or known)
+    frames = _spread(protocol.evaluation_frames, options.max_frames)
+    cameras = _spread(protocol.evaluation_cameras, options.max_cameras)
+    pairs: list[tuple[int, int]] = []
+    missing: list[tuple[str, int]] = []
+    for name in cameras:
+        camera = camera_index(file, name)
+        for number in frames:
+            frame = file.frame_index(number)
+            if file.valid[camera, frame]:
+                pairs.append((camera, frame))
+            else:
+                missing.append((name, number))
+    if not pairs:
+        raise UserError(
+            f"{file.path}: none of the {len(frames)} evaluation frames x {len(cameras)} cameras of "
+            f"protocol {protocol.name} has a valid picture: was the file prepared for it?"
+        )
+    whole = (len(protocol.evaluation_frames), len(protocol.evaluation_cameras))
+    limited = (len(frames), len(cameras)) != whole
+    return EvaluationPlan(
+        protocol, tuple(frames), tuple(cameras), limited, tuple(pairs), tuple(missing)
+    )
+
+
+def _evaluation(
+    trained: TrainedActor[ActorState],
+    file: SequenceFile,
+    plan: EvaluationPlan,
+    judgement: Judgement,
+    images: Sequence[ImageRow],
+) -> Evaluation:
+    header, info, config = file.header, trained.info, trained.config
+    setting, encoder = info.setting, config.model.encoder
+    encodes = config.model.pixel_features or config.model.body_features
+    return Evaluation(
+        method=info.method,
+        actor=header.actor,
+        sequence=header.sequence,
+        dataset=header.provenance.dataset,
+        data_sha256=file.digest,
+        protocol=plan.protocol.name,
+        setting=None if setting is None else setting.name,
+        list_name=None if setting is None else setting.list_name,
+        shots=None if setting is None else len(setting.frames),
+        supports=len(trained.supports),
+        frames=plan.frames,
+        cameras=plan.cameras,
+        limited=plan.limited,
+        missing=plan.missing,
+        background=judgement.render.background,
+        encoder=encoder.trunk if encodes else None,
+        encoder_pretrained=encodes and encoder.weights == "imagenet",
+        pretrained_from=info.pretrained_from,
+        seed=config.seed,
+        step=info.step,
+        configuration=info.configuration,
+        checkpoint=str(trained.path),
+        render_options=_record(judgement.render),
+        lpips_note=None if judgement.lpips else f"no LPIPS weights installed; {INSTALL}",
+        machine=_record(this_machine(trained.device)),
+        commit=program_commit(),
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+        seconds=0.0,
+        render_seconds=_mean_seconds(images),
+        means=_means(images, judgement.conventions),
+        per_camera=_camera_means(images, plan.cameras, judgement.conventions),
+        per_image=tuple(images),
+    )
+
+
+def _image_rows(file: SequenceFile, place: tuple[int, int], judged: Judged) -> list[ImageRow]:
+    camera, frame = place
+    name, number = file.header.cameras[camera].name, int(file.header.frames[frame])
+    return [
+        ImageRow(name, number, convention, s.psnr, s.ssim, s.lpips_x1000, judged.seconds)
+        for convention, s in judged.scores.items()
+    ]
+
+
+def _means(
+    images: Sequence[ImageRow], conventions: Sequence[ConventionName]
+) -> tuple[MeanRow, ...]:
+    found = ((name, _mean(images, name)) for name in conventions)
+    return tuple(MeanRow(name, s.psnr, s.ssim, s.lpips_x1000) for name, s in found)
+
+
+def _camera_means(
+    images: Sequence[ImageRow], cameras: Sequence[str], conventions: Sequence[ConventionName]
+) -> tuple[CameraRow, ...]:
+    rows: list[CameraRow] = []
+    for camera in cameras:
+        own = [row for row in images if row.camera == camera]
+        for mean in _means(own, conventions) if own else ():
+            rows.append(CameraRow(camera, mean.convention, mean.psnr, mean.ssim, mean.lpips_x1000))
+    return tuple(rows)
+
+
+def _mean(images: Sequence[ImageRow], convention: ConventionName) -> Scores:
+    own = [row for row in images if row.convention == convention]
+    return mean_scores([Scores(row.psnr, row.ssim, row.lpips_x1000) for row in own])
+
+
+def _mean_seconds(images: Sequence[ImageRow]) -> float:
+    by_picture = {(row.camera, row.frame): row.seconds for row in images}
+    return sum(by_picture.values()) / len(by_picture)
+
+
+def _lpips(files: LpipsFiles, device: torch.device) -> Lpips | None:
+    """The published distance of pictures in [0, 1], or None without weights."""
+    network = load_lpips(files)
+    if network is None:
+        return None
+    network.to(device)
+
+    def distance(truth: Tensor, prediction: Tensor) -> Tensor:
+        pair = torch.stack([prediction, truth]).float().movedim(3, 1) * 2 - 1
+        with torch.no_grad():
+            return network(pair[:1], pair[1:])[0]
+
+    return distance
+
+
+def _record(value: object) -> dict[str, Json]:
+    record = to_json(value)
+    assert isinstance(record, dict)
+    return record
+
+
+def _spread(items: Sequence[Item], most: int | None) -> list[Item]:
+    """At most so many of the items, evenly spread, the first and the last among them."""
+    if most is None or most >= len(items):
+        return list(items)
+    if most == 1:
+        return [items[0]]
+    return [items[round(i * (len(items) - 1) / (most - 1))] for i in range(most)]

@@ -51,8 +51,7 @@ def orbit_camera(stage: Stage, azimuth: float, elevation: float) -> Float64:
         elevation: degrees above the centre, in (-90, 90).
     """
     up = stage.up / np.linalg.norm(stage.up)
-    front = stage.front - up * (stage.front @ up)
-    front = front / np.linalg.norm(front)
+    front = _flat(stage.front, up)
     side = np.cross(up, front)
     a, e = math.radians(azimuth), math.radians(elevation)
     outward = math.cos(e) * (math.cos(a) * front + math.sin(a) * side) + math.sin(e) * up
@@ -66,3 +65,13 @@ def orbit_camera(stage: Stage, azimuth: float, elevation: float) -> Float64:
     matrix[:3, :3] = rotation
     matrix[:3, 3] = -rotation @ (stage.centre + distance * outward)
     return matrix
+
+
+def _flat(front: Float64, up: Float64) -> Float64:
+    """The unit vector of `front` along the ground; any, where it points up or down (handstand)."""
+    flat = front - up * (front @ up)
+    if np.linalg.norm(flat) < 1e-6:
+        other = np.eye(3)[np.argmin(np.abs(up))]
+        flat = other - up * (other @ up)
+    unit: Float64 = flat / np.linalg.norm(flat)
+    return unit

@@ -68,18 +68,17 @@ def write_video(path: Path, pictures: Iterable[UInt8], fps: float) -> None:
     """
     part = path.with_name(f"{path.stem}.part{path.suffix}")  # the suffix chooses the container
     writer: cv2.VideoWriter | None = None
-    for picture in pictures:
-        even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2, ::-1]
+    try:
+        for picture in pictures:
+            even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2, ::-1]
+            writer = writer or _video_writer(part, fps, (even.shape[1], even.shape[0]))
+            writer.write(np.ascontiguousarray(even))
         if writer is None:
-            code = cv2.VideoWriter.fourcc(*"mp4v")
-            writer = cv2.VideoWriter(str(part), code, fps, (even.shape[1], even.shape[0]))
-            if not writer.isOpened():
-                raise UserError(f"{path}: OpenCV cannot write mp4 here; use the PNG pictures.")
-        writer.write(np.ascontiguousarray(even))
-    if writer is None:
-        raise UserError(f"{path}: there are no pictures to make a video of.")
-    writer.release()
-    part.replace(path)
+            raise UserError(f"{path}: there are no pictures to make a video of.")
+        writer.release()
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def error_picture(
@@ -106,6 +105,13 @@ def strip(rows: Sequence[Sequence[UInt8]]) -> UInt8:
             y, x = i * down, j * across
             sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
     return sheet
+
+
+def _video_writer(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+    if not writer.isOpened():
+        raise UserError(f"{path}: OpenCV cannot write mp4 here; use the PNG pictures (--no-video).")
+    return writer
 
 
 def _write_encoded(
