@@ -1,0 +1,83 @@
+"""What worker processes do: probe masks, and turn raw pictures into compressed crops."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from actorsnerf_datasets.types import Picture
+from actorsnerf_datasets.writer import StoredPicture, encode_picture
+from actorsnerf_preprocess.pictures import Crop, Lens, PictureOptions, stored_picture, stored_size
+from actorsnerf_preprocess.probes import Probe, probe_picture
+from actorsnerf_preprocess.source import Absent, RawPicture
+from actorsnerf_preprocess.workers import PictureTask, load_job, load_lens
+
+
+@dataclass(frozen=True)
+class EncodeTask:
+    """Pictures of one camera and the crop of each."""
+
+    pictures: PictureTask
+    crops: tuple[Crop, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one picture in the second pass."""
+
+    camera: int
+    frame: int
+    stored: StoredPicture | None
+    """None: the picture is not stored, for `reason`."""
+    reason: str
+    where: str
+    touching: bool
+    """The person reaches the border of the crop, inside the picture."""
+
+
+def probe_pictures(task: PictureTask) -> tuple[Probe, ...]:
+    """The first pass over the pictures of a task, in order."""
+    source = load_job(task.job).source
+    lens, stored = load_lens(task.job, task.camera)
+    return tuple(probe_picture(source, lens, stored, task.camera, frame) for frame in task.frames)
+
+
+def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
+    """The second pass over the pictures of a task, in order."""
+    pictures = task.pictures
+    job = load_job(pictures.job)
+    lens, _ = load_lens(pictures.job, pictures.camera)
+    raw = job.source.reader.read_many(pictures.camera, pictures.frames)
+    outcomes = []
+    for frame, crop, found in zip(pictures.frames, task.crops, raw, strict=True):
+        where = str(job.source.reader.files(pictures.camera, frame)[0])
+        if isinstance(found, Absent):
+            outcome = Outcome(pictures.camera, frame, None, found.reason, found.where, False)
+        elif found.mask is None or not found.mask.any():
+            reason = "no mask" if found.mask is None else "empty mask"
+            outcome = Outcome(pictures.camera, frame, None, reason, where, False)
+        else:
+            outcome = _encoded(found, lens, crop, job.options, (pictures.camera, frame))
+        outcomes.append(outcome)
+    return tuple(outcomes)
+
+
+def _encoded(
+    raw: RawPicture, lens: Lens, crop: Crop, options: PictureOptions, place: tuple[int, int]
+) -> Outcome:
+    picture = stored_picture(raw, lens, crop, options)
+    rgb_chunk, alpha_chunk = encode_picture(picture)
+    stored = StoredPicture(*place, picture.offset, rgb_chunk, alpha_chunk)
+    touching = _touches(picture, crop, stored_size(lens.camera.size, options.scale))
+    return Outcome(*place, stored, "", "", touching)
+
+
+def _touches(picture: Picture, crop: Crop, size: tuple[int, int]) -> bool:
+    """Whether the person continues beyond a border of the crop that is inside the picture."""
+    alpha = picture.alpha
+    borders = (
+        crop.x > 0 and np.any(alpha[:, 0]),
+        crop.y > 0 and np.any(alpha[0]),
+        crop.x + crop.width < size[0] and np.any(alpha[:, -1]),
+        crop.y + crop.height < size[1] and np.any(alpha[-1]),
+    )
+    return any(map(bool, borders))

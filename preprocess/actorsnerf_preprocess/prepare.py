@@ -1,0 +1,290 @@
+"""A source sequence turned into a prepared file, in two passes over its pictures.
+
+The first pass reads masks and finds each person's box; the largest gives the sequence's crop size.
+The second decodes, undistorts, resizes, cuts and compresses in worker processes; this process
+only writes the chunks. Neither order nor bytes depend on the number of workers.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from actorsnerf_datasets.protocols import with_automatic_lists
+from actorsnerf_datasets.types import Protocol, Provenance, SequenceHeader
+from actorsnerf_datasets.writer import StoredPicture, write_sequence
+from actorsnerf_preprocess.picture_tasks import (
+    EncodeTask,
+    Outcome,
+    encode_pictures,
+    probe_pictures,
+)
+from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
+from actorsnerf_preprocess.probes import Probe, crop_size, placed_crop
+from actorsnerf_preprocess.resume import pictures_digest, settings_digest
+from actorsnerf_preprocess.run_report import (
+    CameraReport,
+    Report,
+    finished_settings,
+    unusable_pictures,
+    write_report,
+)
+from actorsnerf_preprocess.source import SourceError, SourceSequence
+from actorsnerf_preprocess.usable_lists import usable_pairs, usable_protocol
+from actorsnerf_preprocess.workers import (
+    TASKS_AHEAD,
+    Job,
+    JobFile,
+    PictureTask,
+    in_order,
+    job_file,
+)
+
+
+@dataclass(frozen=True)
+class PrepareOptions:
+    """How a sequence is prepared."""
+
+    scale: float = 0.5
+    """Stored size / source size; the published experiments use 0.5."""
+    keep_background: bool = False
+    workers: int = 1
+    progress: bool = False
+
+
+def prepare_sequence(
+    source: SourceSequence, out: Path, options: PrepareOptions, executor: Executor | None = None
+) -> Report | None:
+    """Leaves `<out>/<name>.h5` and its report `<name>.json`; None if they are there already.
+
+    Args:
+        source: the opened sequence.
+        out: an existing folder.
+        options: how.
+        executor: runs the work (`workers.team`, or a cluster's); None: this process does.
+
+    Raises:
+        SourceError: no picture of the sequence is usable, or the disk refuses.
+        LayoutError: the file cannot be written.
+    """
+    started = time.perf_counter()
+    path, report_path = out / f"{source.found.name}.h5", out / f"{source.found.name}.json"
+    picture_options = PictureOptions(
+        scale=options.scale,
+        keep_background=options.keep_background,
+        published_background=source.published_background,
+    )
+    settings = settings_digest(source, picture_options)
+    if path.is_file() and finished_settings(report_path) == settings:
+        return None
+    report_path.unlink(missing_ok=True)
+    with job_file(out / f"{source.found.name}.job.part", Job(source, picture_options)) as file:
+        passes = _Passes(source, file, options, executor)
+        probes = passes.probe()
+        plan = _plan(source, probes, picture_options)
+        outcomes: list[Outcome] = []
+        write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
+    seconds = time.perf_counter() - started
+    report = _report(source, probes, outcomes, _Result(path, settings, plan, seconds))
+    write_report(report_path, report)
+    return report
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is known before any image is decoded."""
+
+    header: SequenceHeader
+    crop_size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Result:
+    path: Path
+    settings: str
+    plan: _Plan
+    seconds: float
+
+
+class _Passes:
+    """The two passes over a sequence's pictures, camera by camera, frames ascending."""
+
+    def __init__(
+        self,
+        source: SourceSequence,
+        file: JobFile,
+        options: PrepareOptions,
+        executor: Executor | None,
+    ) -> None:
+        self._source = source
+        self._file = file
+        self._executor = executor
+        self._ahead = TASKS_AHEAD * max(options.workers, 1)
+        self._progress = options.progress
+
+    def probe(self) -> list[Probe]:
+        wanted = [np.flatnonzero(row).tolist() for row in self._source.wanted]
+        tasks = list(self._tasks(wanted))
+        with self._bar("masks", sum(map(len, wanted))) as bar:
+            probes: list[Probe] = []
+            for group in in_order(self._executor, probe_pictures, tasks, self._ahead):
+                probes.extend(group)
+                bar.update(len(group))
+        return probes
+
+    def encode(
+        self, probes: Sequence[Probe], plan: _Plan, outcomes: list[Outcome]
+    ) -> Iterator[StoredPicture]:
+        """The pictures to write; what became of each is appended to `outcomes`."""
+        crops = {(p.camera, p.frame): placed_crop(p.box, plan.crop_size) for p in probes if p.box}
+        frames = [
+            sorted(f for c, f in crops if c == camera)
+            for camera in range(len(self._source.cameras))
+        ]
+        tasks = [
+            EncodeTask(task, tuple(crops[task.camera, frame] for frame in task.frames))
+            for task in self._tasks(frames)
+        ]
+        with self._bar("pictures", len(crops)) as bar:
+            for group in in_order(self._executor, encode_pictures, tasks, self._ahead):
+                for outcome in group:
+                    stored = outcome.stored
+                    if stored is not None:
+                        yield stored
+                    outcomes.append(_without_bytes(outcome))
+                bar.update(len(group))
+
+    def _tasks(self, frames_per_camera: Sequence[Sequence[int]]) -> Iterator[PictureTask]:
+        step = self._source.reader.frames_per_task
+        for camera, frames in enumerate(frames_per_camera):
+            for start in range(0, len(frames), step):
+                yield PictureTask(self._file, camera, tuple(frames[start : start + step]))
+
+    def _bar(self, what: str, total: int) -> "tqdm[None]":
+        return tqdm(
+            total=total,
+            desc=f"{self._source.found.name} {what}",
+            unit="picture",
+            disable=not self._progress,
+        )
+
+
+def _without_bytes(outcome: Outcome) -> Outcome:
+    """The outcome without its chunks, which are written by now."""
+    if outcome.stored is None:
+        return outcome
+    place = (outcome.camera, outcome.frame)
+    kept = StoredPicture(*place, outcome.stored.offset, b"", b"")
+    return Outcome(*place, kept, "", "", outcome.touching)
+
+
+def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptions) -> _Plan:
+    usable = np.zeros(source.wanted.shape, np.bool_)
+    for probe in probes:
+        usable[probe.camera, probe.frame] = probe.box is not None
+    if not usable.any():
+        reasons = unusable_pictures((p.reason, p.where) for p in probes)
+        first = f"{reasons[0].count} x {reasons[0].reason} ({reasons[0].example})"
+        raise SourceError(
+            f"{source.found.path}: none of the {len(probes)} pictures asked for is usable: {first}."
+        )
+    notes = [*source.notes, *_probe_notes(probes)]
+    listed: list[Protocol] = []
+    names = [camera.name for camera in source.cameras]
+    pairs = usable_pairs(names, source.frames, usable)
+    for protocol in source.protocols:
+        camera = names.index(protocol.training_camera)
+        complete = with_automatic_lists(
+            protocol,
+            source.frames,
+            source.fits,
+            stored_camera(source.cameras[camera], options.scale),
+            usable[camera],
+        )
+        changed, changes = usable_protocol(complete, pairs)
+        listed.append(changed)
+        notes.extend(changes)
+    return _Plan(
+        _header(source, tuple(listed), tuple(notes), probes, options),
+        crop_size(probe.box for probe in probes if probe.box),
+    )
+
+
+def _header(
+    source: SourceSequence,
+    protocols: tuple[Protocol, ...],
+    notes: tuple[str, ...],
+    probes: Sequence[Probe],
+    options: PictureOptions,
+) -> SequenceHeader:
+    digest = pictures_digest(probe.digest for probe in probes)
+    digests = source.source_digests
+    if digest:
+        digests = (*digests, (f"({len(probes)} pictures with their masks)", digest))
+    return SequenceHeader(
+        sequence=source.found.name,
+        actor=source.actor,
+        world_up=source.world_up,
+        cameras=tuple(stored_camera(camera, options.scale) for camera in source.cameras),
+        frames=source.frames,
+        fits=source.fits,
+        shape=source.shape,
+        protocols=protocols,
+        provenance=Provenance(
+            dataset=source.found.dataset,
+            variant=source.found.variant,
+            body_model=source.body_model,
+            scale=options.scale,
+            background="kept" if options.keep_background else "dropped",
+            mask_source=source.mask_source,
+            source_terms=source.source_terms,
+            notes=notes,
+            source_digests=digests,
+        ),
+    )
+
+
+def _probe_notes(probes: Sequence[Probe]) -> list[str]:
+    unusable = unusable_pictures((p.reason, p.where) for p in probes if p.box is None)
+    notes = [
+        f"{one.count} of {len(probes)} pictures are not stored: {one.reason}." for one in unusable
+    ]
+    stray = sum(probe.stray for probe in probes)
+    if stray:
+        notes.append(f"{stray} masks have parts away from the body that the crops leave out.")
+    return notes
+
+
+def _report(
+    source: SourceSequence, probes: Sequence[Probe], outcomes: Sequence[Outcome], result: _Result
+) -> Report:
+    lost = [(p.reason, p.where) for p in probes if p.box is None]
+    lost += [(o.reason, o.where) for o in outcomes if o.stored is None]
+    kept = [outcome for outcome in outcomes if outcome.stored is not None]
+    cameras = []
+    for index, camera in enumerate(source.cameras):
+        asked = [probe for probe in probes if probe.camera == index]
+        inside = [probe.inside for probe in asked if np.isfinite(probe.inside)]
+        stored = sum(outcome.camera == index for outcome in kept)
+        mean = float(np.mean(inside)) if inside else None
+        cameras.append(CameraReport(camera.name, stored, len(asked), mean))
+    return Report(
+        sequence=source.found.name,
+        file=str(result.path),
+        settings=result.settings,
+        stored=len(kept),
+        asked=len(probes),
+        crop_size=result.plan.crop_size,
+        bytes=result.path.stat().st_size,
+        seconds=result.seconds,
+        cameras=tuple(cameras),
+        unusable=unusable_pictures(lost),
+        stray=sum(probe.stray for probe in probes),
+        touching=sum(outcome.touching for outcome in kept),
+        findings=source.findings,
+        notes=result.plan.header.provenance.notes,
+    )

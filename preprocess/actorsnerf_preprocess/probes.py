@@ -1,0 +1,192 @@
+"""The first pass over a sequence: where each person is, and which masks cannot be used.
+
+No image is decoded here. The crop of a picture must hold the projected body and the person's mask;
+the size of the largest is the size of all crops of a sequence.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import ceil
+
+import cv2
+import numpy as np
+
+from actorsnerf_datasets.cameras import camera_from_world, distorted, project, project_distorted
+from actorsnerf_datasets.types import Camera, Float64, UInt8
+from actorsnerf_preprocess.pictures import Crop, Lens
+from actorsnerf_preprocess.source import Absent, MaskProbe, SourceCamera, SourceSequence
+
+MARGIN = 2
+"""Stored pixels between the person and the border of the crop."""
+SIZE_STEP = 8
+SMALLEST_SIZE = 32
+REACH = 0.25
+"""Of the body's height: parts of a mask that begin farther from its box are not the person."""
+MADE_MASK_REACH = 0.15
+"""Of the body's height: room for hair and clothes where the mask is made later."""
+FULL_SHARE = 0.9
+"""A mask that covers more of the picture than this is no mask of a person."""
+ELSEWHERE_SHARE = 0.2
+"""If fewer of the body's vertices than this share lie inside the mask, it is not this body's."""
+
+
+UNDISTORTION_STEPS = 20
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What the first pass says about one picture."""
+
+    camera: int
+    frame: int
+    box: Crop | None
+    """Of the person, in stored pixels; None: the picture is not stored, for `reason`."""
+    reason: str
+    where: str
+    inside: float
+    """Share of the projected vertices inside the mask; NaN if there is no mask yet."""
+    stray: bool
+    """Parts of the mask lie away from the body; what the crop does not reach is dropped."""
+    digest: str
+
+
+def probe_picture(
+    source: SourceSequence, lens: Lens, stored: Camera, camera: int, frame: int
+) -> Probe:
+    """Where the person is in one picture, or why the picture cannot be used.
+
+    Args:
+        source: the sequence.
+        lens: of the camera.
+        stored: the camera of the stored pictures.
+        camera: index in `source.cameras`.
+        frame: index in `source.frames`.
+    """
+    found = source.reader.probe(camera, frame)
+    if isinstance(found, Absent):
+        return Probe(camera, frame, None, found.reason, found.where, np.nan, False, "")
+    where = str(source.reader.files(camera, frame)[0])
+    world = _world_vertices(source, frame)
+    body = _body_box(world, stored)
+    inside, reason = _judged(found, world, lens)
+    if body is None:
+        reason = "body outside the picture"
+    if reason or body is None:
+        return Probe(camera, frame, None, reason, where, inside, False, found.digest)
+    box, stray = _person_box(found, body, lens, stored)
+    return Probe(camera, frame, box, "", where, inside, stray, found.digest)
+
+
+def crop_size(boxes: Iterable[Crop]) -> tuple[int, int]:
+    """Width and height that hold every box: multiples of 8, at least 32.
+
+    >>> crop_size([Crop(0, 0, 50, 100), Crop(5, 5, 61, 20)])
+    (72, 104)
+    """
+    sizes = [(box.width, box.height) for box in boxes]
+    width, height = (max(lengths) for lengths in zip(*sizes, strict=True))
+    return _rounded_up(width), _rounded_up(height)
+
+
+def placed_crop(box: Crop, size: tuple[int, int]) -> Crop:
+    """The crop of the sequence's size with the box in its middle."""
+    x = box.x + (box.width - size[0]) // 2
+    y = box.y + (box.height - size[1]) // 2
+    return Crop(x, y, *size)
+
+
+def _rounded_up(length: int) -> int:
+    steps = ceil((length + 2 * MARGIN) / SIZE_STEP)
+    return max(SMALLEST_SIZE, SIZE_STEP * steps)
+
+
+def _world_vertices(source: SourceSequence, frame: int) -> Float64:
+    matrix = source.fits.world_from_body[frame]
+    vertices = source.fits.posed_vertices[frame].astype(np.float64)
+    world: Float64 = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    return world
+
+
+def _body_box(world: Float64, stored: Camera) -> tuple[float, float, float, float] | None:
+    """Left, top, right, bottom of the projected body; None if no part of it is in the picture."""
+    projection = project(world, stored.K, camera_from_world(stored.R, stored.T))
+    if not projection.in_front.any():
+        return None
+    pixels = projection.pixels[projection.in_front]
+    left, top = pixels.min(axis=0)
+    right, bottom = pixels.max(axis=0)
+    width, height = stored.size
+    if right < 0 or bottom < 0 or left > width - 1 or top > height - 1:
+        return None
+    return float(left), float(top), float(right), float(bottom)
+
+
+def _judged(found: MaskProbe, world: Float64, lens: Lens) -> tuple[float, str]:
+    """The share of vertices inside the mask, and why the mask is unusable, or nothing."""
+    if found.mask is None:
+        return np.nan, ""
+    covered = float(np.count_nonzero(found.mask)) / found.mask.size
+    if covered == 0:
+        return 0.0, "empty mask"
+    if covered > FULL_SHARE:
+        return 1.0, "full mask"
+    camera = lens.camera
+    pixels = project_distorted(
+        world, camera.K, camera_from_world(camera.R, camera.T), camera.distortion
+    ).pixels
+    height, width = found.mask.shape
+    # NaN (behind the camera) compares false and counts as outside.
+    seen = np.all((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5), axis=-1)
+    columns, rows = np.rint(pixels[seen]).astype(int).T
+    share = float(np.count_nonzero(found.mask[rows, columns])) / len(pixels)
+    visible = float(np.count_nonzero(seen)) / len(pixels)
+    return share, "mask elsewhere" if share < ELSEWHERE_SHARE * visible else ""
+
+
+def _person_box(
+    found: MaskProbe, body: tuple[float, float, float, float], lens: Lens, stored: Camera
+) -> tuple[Crop, bool]:
+    """The box of the body and the parts of the mask near it, inside the picture."""
+    left, top, right, bottom = body
+    height = bottom - top
+    stray = False
+    if found.mask is None:
+        reach = MADE_MASK_REACH * height
+        left, top, right, bottom = left - reach, top - reach, right + reach, bottom + reach
+    else:
+        reach = REACH * height
+        near = (left - reach, top - reach, right + reach, bottom + reach)
+        for outline in _outlines(found.mask, lens, stored):
+            (x0, y0), (x1, y1) = outline.min(axis=0), outline.max(axis=0)
+            if x1 < near[0] or y1 < near[1] or x0 > near[2] or y0 > near[3]:
+                stray = True
+                continue
+            left, top = min(left, x0), min(top, y0)
+            right, bottom = max(right, x1), max(bottom, y1)
+    left, top = max(int(np.floor(left)), 0), max(int(np.floor(top)), 0)
+    right = min(int(np.ceil(right)), stored.size[0] - 1)
+    bottom = min(int(np.ceil(bottom)), stored.size[1] - 1)
+    return Crop(left, top, right - left + 1, bottom - top + 1), stray
+
+
+def _outlines(mask: UInt8, lens: Lens, stored: Camera) -> list[Float64]:
+    """The outer contours of a mask, undistorted, in stored pixels."""
+    contours, _ = cv2.findContours(
+        (mask > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    outlines = []
+    for contour in contours:
+        pixels = np.asarray(contour, np.float64).reshape(-1, 2)
+        outlines.append(_rays(pixels, lens.camera) @ stored.K[:2, :2].T + stored.K[:2, 2])
+    return outlines
+
+
+def _rays(pixels: Float64, camera: SourceCamera) -> Float64:
+    """x/z, y/z of distorted pixels (N, 2), by fixed-point iteration."""
+    target: Float64 = np.linalg.solve(
+        camera.K[:2, :2], (pixels - camera.K[:2, 2]).T
+    ).T
+    rays = target
+    for _ in range(UNDISTORTION_STEPS if np.any(camera.distortion) else 0):
+        rays = rays + (target - distorted(rays, camera.distortion))
+    return rays

@@ -1,0 +1,52 @@
+"""Whether a prepared file is what a run would write: digests of all that decides its bytes."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from actorsnerf_preprocess.pictures import PictureOptions
+from actorsnerf_preprocess.source import SourceSequence
+
+
+def settings_digest(source: SourceSequence, options: PictureOptions) -> str:
+    """Hex SHA-256 over the options, everything read so far, and each picture file's size and time.
+
+    Picture files are not read: a changed picture is noticed by its size or its modification time.
+    """
+    digest = hashlib.sha256()
+    digest.update(json.dumps(asdict(options), sort_keys=True).encode())
+    for array in (source.frames, source.wanted, *vars(source.fits).values()):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    described = (
+        source.found.name,
+        source.actor,
+        source.cameras,
+        source.protocols,
+        source.notes,
+        source.source_digests,
+        source.mask_source,
+        source.body_model,
+    )
+    digest.update(repr(described).encode())
+    for camera, frame in np.argwhere(source.wanted):
+        for path in source.reader.files(int(camera), int(frame)):
+            digest.update(_state(path).encode())
+    return digest.hexdigest()
+
+
+def pictures_digest(digests: Iterable[str]) -> str:
+    """One hex SHA-256 over those of all pictures in order; empty if the pictures have none."""
+    listed = [digest for digest in digests if digest]
+    return hashlib.sha256("\n".join(listed).encode()).hexdigest() if listed else ""
+
+
+def _state(path: Path) -> str:
+    try:
+        status = path.stat()
+    except OSError:
+        return f"{path.name}: missing"
+    return f"{path.name}: {status.st_size} {status.st_mtime_ns}"

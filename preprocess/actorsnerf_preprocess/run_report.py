@@ -1,0 +1,129 @@
+"""What a preparation did, for the user's screen and for a file beside the prepared one."""
+
+import json
+import os
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from actorsnerf_preprocess.source import Finding
+
+LOW_INSIDE = 0.9
+"""A camera whose projected bodies lie less inside their masks than this is worth a look."""
+CHECK_NOTICE = (
+    "The readers of ZJU-MoCap and AIST++ were built to the documented formats and never run on an "
+    "original archive; please run `python -m actorsnerf_datasets check` on the prepared file."
+)
+
+
+@dataclass(frozen=True)
+class CameraReport:
+    """One camera's share of a preparation."""
+
+    name: str
+    stored: int
+    asked: int
+    inside: float | None
+    """Mean share of projected vertices inside the mask; None where masks are made."""
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """Pictures that are not stored, for one reason."""
+
+    reason: str
+    count: int
+    example: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a preparation did."""
+
+    sequence: str
+    file: str
+    settings: str
+    """Digest of everything that decides the file's bytes; a later run skips when it is equal."""
+    stored: int
+    asked: int
+    crop_size: tuple[int, int]
+    bytes: int
+    seconds: float
+    cameras: tuple[CameraReport, ...]
+    unusable: tuple[Unusable, ...]
+    stray: int
+    """Pictures whose mask has parts away from the body, outside the crop."""
+    touching: int
+    """Pictures whose alpha reaches the border of the crop inside the picture."""
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+    notice: str = CHECK_NOTICE
+
+
+def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...]:
+    """Counts of (reason, file), the most frequent first, each with its first file.
+
+    >>> unusable_pictures([("missing", "a.png"), ("missing", "b.png")])
+    (Unusable(reason='missing', count=2, example='a.png'),)
+    """
+    listed = list(reasons)
+    counts = Counter(reason for reason, _ in listed)
+    first = {reason: where for reason, where in reversed(listed)}
+    return tuple(Unusable(r, n, first[r]) for r, n in counts.most_common())
+
+
+def report_lines(report: Report) -> list[str]:
+    """The report as the lines that a user reads."""
+    per_picture = report.bytes / max(report.stored, 1) / 1000
+    rate = report.stored / report.seconds if report.seconds else 0.0
+    lines = [
+        f"{report.sequence}: {report.stored} of {report.asked} pictures stored in {report.file}",
+        f"  crops of {report.crop_size[0]} x {report.crop_size[1]}, {per_picture:.0f} kB per "
+        f"picture, {report.seconds:.1f} s, {rate:.1f} pictures/s",
+    ]
+    for one in report.unusable:
+        lines.append(f"  not stored: {one.count} x {one.reason}, for example {one.example}")
+    for camera in report.cameras:
+        if camera.inside is not None and camera.inside < LOW_INSIDE:
+            lines.append(
+                f"  {camera.name}: only {100 * camera.inside:.0f} % of the projected body lies "
+                "inside the mask: is this camera calibrated for these pictures?"
+            )
+    if report.stray:
+        lines.append(f"  {report.stray} masks have parts away from the body; those are cut off")
+    if report.touching:
+        lines.append(f"  {report.touching} silhouettes reach the border of their crop")
+    shares = [camera.inside for camera in report.cameras if camera.inside is not None]
+    if shares:
+        lines.append(f"  projected body inside the mask: {100 * float(np.mean(shares)):.1f} %")
+    return lines + [f"  note: {note}" for note in report.notes]
+
+
+def finding_lines(findings: Iterable[Finding]) -> list[str]:
+    """Findings as lines, the gravest first."""
+    order = {"error": 0, "warning": 1, "note": 2}
+    ranked = sorted(findings, key=lambda finding: order[finding.severity])
+    return [f"  {f.severity}: {f.entry}: {f.sentence}" for f in ranked]
+
+
+def write_report(path: Path, report: Report) -> None:
+    """The report as JSON, complete or not at all."""
+    part = path.with_name(path.name + ".part")
+    with part.open("w") as file:
+        json.dump(asdict(report), file, indent=1)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def finished_settings(path: Path) -> str:
+    """The settings digest of a written report; empty if there is none or it is damaged."""
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return ""
+    settings = content.get("settings") if isinstance(content, dict) else None
+    return settings if isinstance(settings, str) else ""
