@@ -226,7 +226,7 @@ def _write_array(file: h5py.File, name: str, array: Values) -> None:
         encoded = [line.encode() for line in array]
         length = max([1, *map(len, encoded)])
         kind = h5py.string_dtype("utf-8", length)
-        dataset = file.create_dataset(name, data=np.array(encoded, f"S{length}"), dtype=kind)
+        dataset = file.create_dataset(name, data=np.array(encoded, kind), dtype=kind)
         dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_strings(array)
     _describe(dataset, name)
 
