@@ -95,7 +95,9 @@ def posed_mesh(posed: PosedActor[ActorState], options: MeshOptions) -> Mesh:
             "--mesh-level, or train longer."
         )
     padded = np.pad(density.numpy(), 1)  # closes the surface where the body touches the bounds
-    found, faces, _, _ = marching_cubes(padded, options.level, gradient_direction="ascent")
+    found, faces, _, _ = marching_cubes(
+        padded, options.level, gradient_direction="ascent", allow_degenerate=False
+    )
     origin = lower.cpu().numpy() - options.resolution
     vertices = (found * options.resolution + origin).astype(np.float32)
     rgb, _ = posed.at(torch.from_numpy(vertices).to(lower), options)

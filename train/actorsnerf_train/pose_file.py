@@ -198,7 +198,7 @@ def _mapping(path: Path, found: object) -> Mapping[str, object]:
 def _npz(path: Path) -> Mapping[str, object]:
     wanted = ("poses", "trans", "mocap_framerate", "mocap_frame_rate", "Rh", "Th")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {n: archive[n] if n in wanted else None for n in archive.files}
     except (zipfile.BadZipFile, ValueError, OSError, EOFError, TypeError) as error:
         raise PoseFileError(f"{path}: cannot be read as npz ({error}): damaged file?") from None
