@@ -10,6 +10,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.encoder import FeatureMap
 from actorsnerf_model.kinematics import bone_motions
+from actorsnerf_model.occupancy import OccupancyTables
 from actorsnerf_model.pixel_features import SupportCameras
 from actorsnerf_model.skinning import SkinningVolume, canonical_box
 from actorsnerf_model.skinning_bounds import SkinningBounds
@@ -43,6 +44,8 @@ class ActorBody:
     skinning: SkinningVolume
     bounds: SkinningBounds
     """Where each bone can matter."""
+    occupancy: OccupancyTables
+    """What each pose's occupancy is looked up in."""
     residual: Float[Tensor, "25 z y x"]
     """Learned logits that were added to the prior; the regulariser pulls them to zero."""
 

@@ -33,6 +33,7 @@ from actorsnerf_model.encoder import (
     support_pictures,
 )
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
+from actorsnerf_model.occupancy import occupancy_tables, pose_occupancy
 from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 from actorsnerf_model.skinning import forward_warp, skinning_volume
@@ -60,6 +61,10 @@ class ActorsNeRFConfig:
     takes them from the rendering network only."""
     body_features: bool = True
     """Off: no SMPL features and no sparse network (paper's ablation)."""
+
+    occupancy_threshold: float = 0.01
+    """Foreground likelihood below which a cell counts as empty. Rendering with a lower threshold
+    than this must not use the occupancy."""
 
     @property
     def skinning_nodes(self) -> int:
@@ -143,12 +148,14 @@ class ActorsNeRF(nn.Module):
         with torch.autocast(geometry.box.device.type, enabled=False):
             residual = self.skinning()
         volume = skinning_volume(residual, geometry.log_prior, geometry.box)
+        bounds = skinning_bounds(volume)
         body = ActorBody(
             geometry,
             support_cameras(supports),
             support_motions(supports, geometry.canonical_joints),
             volume,
-            skinning_bounds(volume),
+            bounds,
+            occupancy_tables(volume, bounds),
             residual,
         )
         if self.encoder is None:
@@ -204,7 +211,10 @@ class ActorsNeRF(nn.Module):
         joints = actor.body.geometry.canonical_joints
         canonical_from_body, body_from_canonical = bone_motions(pose, rest_joints, joints)
         bounds = observation_bounds(posed_frames(pose, rest_joints)[1])
-        return PoseState(pose, canonical_from_body, body_from_canonical, bounds, None)
+        occupancy = pose_occupancy(
+            actor.body.occupancy, canonical_from_body, bounds, self.config.occupancy_threshold
+        )
+        return PoseState(pose, canonical_from_body, body_from_canonical, bounds, occupancy)
 
     def locate(
         self,

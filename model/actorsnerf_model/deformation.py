@@ -88,10 +88,11 @@ class Deformation(nn.Module):
         hidden = given[:, :0]
         for i, layer in enumerate(self.hidden):
             assert isinstance(layer, nn.Linear)
-            weight, bias = layer.weight, layer.bias
+            weight: Tensor = layer.weight
+            bias: Tensor = layer.bias
             if i in (0, self.skip):
-                weight, pose_weight = weight[:, :-POSE_NUMBERS], weight[:, -POSE_NUMBERS:]
-                bias = bias + pose_weight @ numbers
+                bias = F.linear(numbers, weight[:, -POSE_NUMBERS:], bias)
+                weight = weight[:, :-POSE_NUMBERS]
                 hidden = torch.cat([hidden, given], dim=1) if i else given
             hidden = F.relu(F.linear(hidden, weight, bias))
         offsets: Tensor = self.offset(hidden)

@@ -48,7 +48,7 @@ def annealed_fourier_features(
     """Fourier features without identity, each octave times its Hann weight."""
     weights = values.new_tensor(hann_window(opened, octaves))
     waves = fourier_features(values, octaves)
-    return (waves.unflatten(-1, (octaves, -1)) * weights[:, None]).flatten(-2)
+    return waves * weights.repeat_interleave(2 * values.shape[-1])
 
 
 def opened_octaves(fraction: float, start: float, end: float, octaves: int) -> float:
@@ -60,7 +60,7 @@ def opened_octaves(fraction: float, start: float, end: float, octaves: int) -> f
         end: when all octaves are open (released code: 50,000).
         octaves: of the encoding.
 
-    >>> opened_octaves(0.3, 0.1, 0.5, 6)
+    >>> opened_octaves(0.5, 0.25, 0.75, 6)
     3.0
     """
     if end <= start:

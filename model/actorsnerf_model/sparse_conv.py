@@ -5,7 +5,7 @@ backward both gather, so a CPU gives the same bits every time.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -81,7 +81,7 @@ def _query_level(
 
 
 class _Convolve(torch.autograd.Function):
-    """features (rows, in) * weight (27, in, out) -> (targets, out)."""
+    """Features (rows, in) and weight (27, in, out) to features of the targets (targets, out)."""
 
     @staticmethod
     def forward(ctx: Any, features: Tensor, weight: Tensor, pairs: Pairs) -> Tensor:
@@ -109,7 +109,7 @@ class _Convolve(torch.autograd.Function):
 
 
 class _Merge(torch.autograd.Function):
-    """Vertex features (vertices, c) -> their mean in each voxel (rows, c)."""
+    """Vertex features (vertices, channels) to their mean in each voxel (rows, channels)."""
 
     @staticmethod
     def forward(ctx: Any, features: Tensor, merge: Merge) -> Tensor:
@@ -122,6 +122,11 @@ class _Merge(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         merge: Merge = ctx.merge
         return (gradient * merge.shares.to(gradient.dtype)[:, None])[merge.row], None
+
+
+# Autograd functions are untyped; these names give them their types.
+_merge: Callable[[Tensor, Merge], Tensor] = _Merge.apply
+convolve: Callable[[Tensor, Tensor, Pairs], Tensor] = _Convolve.apply
 
 
 def _ends(counts: tuple[int, ...]) -> list[int]:
@@ -152,8 +157,7 @@ def merge_vertices(
     features: Float[Tensor, "vertices channels"], merge: Merge
 ) -> Float[Tensor, "rows channels"]:
     """The mean of the features in each voxel; the released code takes whichever comes last."""
-    merged: Tensor = _Merge.apply(features, merge)
-    return merged
+    return _merge(features, merge)
 
 
 class SparseConvolution(nn.Module):
@@ -170,7 +174,7 @@ class SparseConvolution(nn.Module):
         self, features: Float[Tensor, "sources in"], pairs: Pairs
     ) -> Float[Tensor, "targets out"]:
         """Features of the targets, in the parameters' precision; products in the given one."""
-        convolved = _Convolve.apply(features, self.weight.to(features.dtype), pairs)
+        convolved = convolve(features, self.weight.to(features.dtype), pairs)
         normed: Tensor = self.norm(convolved.to(self.weight.dtype))
         return F.relu(normed)
 
