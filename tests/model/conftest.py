@@ -1,11 +1,13 @@
 """What the model's tests share: a skeleton, poses, and a method without networks."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import pytest
 import torch
 from torch import Tensor, nn
 
+from actorsnerf_datasets.skeleton import PARENTS
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
@@ -27,7 +29,7 @@ HALF = [
     [0.68, 0.22, -0.04],
     [0.76, 0.21, -0.06],
 ]
-"""Left hip, knee, ankle, foot, collar, shoulder, elbow, wrist, hand of a grown-up T-pose, metres."""
+"""Left hip, knee, ankle, foot, collar, shoulder, elbow, wrist and hand of a T-pose, metres."""
 MIDDLE = [[0, -0.22, 0.02], [0, -0.11, -0.01], [0, 0.03, 0], [0, 0.08, 0.03]]
 NECK = [[0, 0.29, -0.01], [0, 0.38, 0.04]]
 
@@ -48,6 +50,51 @@ def rest_joints() -> Tensor:
     places[[1, 4, 7, 10, 13, 16, 18, 20, 22]] = left
     places[[2, 5, 8, 11, 14, 17, 19, 21, 23]] = left * left.new_tensor([-1, 1, 1])
     return places
+
+
+@pytest.fixture
+def support_views(
+    rest_joints: Tensor, generator: torch.Generator
+) -> Callable[..., tuple[View, ...]]:
+    """Makes views of one actor: random pictures and poses, vertices around the bones."""
+
+    def make(
+        count: int = 3,
+        size: tuple[int, int] = (48, 64),
+        vertices: int = 150,
+        dtype: torch.dtype = torch.float32,
+    ) -> tuple[View, ...]:
+        bone = torch.randint(1, 24, (vertices,), generator=generator)
+        holder = torch.tensor(PARENTS)[bone]
+        share = torch.rand(vertices, 1, generator=generator, dtype=torch.float64)
+        around = torch.randn(vertices, 3, generator=generator, dtype=torch.float64)
+        rest = rest_joints[holder] * (1 - share) + rest_joints[bone] * share + 0.03 * around
+        views = (_view(rest_joints, rest, holder, size, frame) for frame in range(count))
+        return tuple(_cast(view, dtype) for view in views)
+
+    def _view(
+        joints: Tensor, rest: Tensor, holder: Tensor, size: tuple[int, int], frame: int
+    ) -> View:
+        width, height = size
+        pose = 0.2 * torch.randn(24, 3, generator=generator, dtype=torch.float64)
+        pose[0] = 0
+        motion = bone_motions(pose, joints, joints)[1][holder]
+        posed = (motion[:, :3, :3] @ rest[..., None])[..., 0] + motion[:, :3, 3]
+        camera = torch.diag(torch.tensor([1.0, -1.0, -1.0, 1.0]))
+        camera[:3, 3] = torch.tensor([0.0, -0.4, 2.7])
+        focal = 1.2 * height
+        K = torch.tensor([[focal, 0, width / 2 - 0.5], [0, focal, height / 2 - 0.5], [0, 0, 1]])
+        image = torch.rand(height, width, 3, generator=generator)
+        alpha = torch.ones(height, width)
+        tensors = (image, alpha, K, camera, pose, joints, rest, posed, joints)
+        return View(*tensors, "actor", "camera", frame, (0, 0), size)
+
+    return make
+
+
+def _cast(view: View, dtype: torch.dtype) -> View:
+    values = {field.name: getattr(view, field.name) for field in fields(view)}
+    return View(**{k: v.to(dtype) if isinstance(v, Tensor) else v for k, v in values.items()})
 
 
 @dataclass(frozen=True)
