@@ -124,8 +124,8 @@ def user_files(folder: Path, numbers: LpipsNumbers, suffix: str) -> LpipsFiles:
     vgg |= {f"features.{n}.bias": b for n, b in zip(lpips.CONV_LAYERS, numbers.biases, strict=True)}
     heads = {f"lin{i}.model.1.weight": h for i, h in enumerate(numbers.heads)}
     files = LpipsFiles(folder / f"vgg{suffix}", folder / f"heads{suffix}")
-    assert files.vgg is not None and files.heads is not None
-    for path, state in ((files.vgg, vgg), (files.heads, heads)):
+    assert files.lpips_vgg is not None and files.lpips_heads is not None
+    for path, state in ((files.lpips_vgg, vgg), (files.lpips_heads, heads)):
         if suffix == ".pth":
             torch.save(state, path)
         else:
@@ -154,15 +154,15 @@ def test_other_numbers_are_refused(tmp_path: Path) -> None:
 
 def test_half_of_a_users_weights_is_refused(tmp_path: Path) -> None:
     with pytest.raises(WeightsError, match="needs both files"):
-        load_lpips(LpipsFiles(vgg=tmp_path / "vgg.pth"))
+        load_lpips(LpipsFiles(lpips_vgg=tmp_path / "vgg.pth"))
 
 
 def test_missing_and_wrong_user_files_are_named(tmp_path: Path) -> None:
     files = user_files(tmp_path, random_numbers(), ".pth")
     with pytest.raises(WeightsError, match=r"absent\.pth: no such file"):
-        load_lpips(LpipsFiles(tmp_path / "absent.pth", files.heads))
+        load_lpips(LpipsFiles(tmp_path / "absent.pth", files.lpips_heads))
     with pytest.raises(WeightsError, match=r"heads\.pth: has no entry features\.0\.weight"):
-        load_lpips(LpipsFiles(files.heads, files.heads))
+        load_lpips(LpipsFiles(files.lpips_heads, files.lpips_heads))
 
 
 def test_without_weights_there_is_no_lpips(monkeypatch: pytest.MonkeyPatch) -> None:

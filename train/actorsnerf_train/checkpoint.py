@@ -9,6 +9,7 @@ after that, so a checkpoint that can be seen is complete.
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -26,6 +27,7 @@ FORMAT_VERSION = 1
 FOLDER = "checkpoints"
 LATEST = "latest"
 Stage = Literal["pretrain", "fewshot"]
+JsonObject = Mapping[str, Json]
 
 
 class CheckpointError(UserError):
@@ -55,6 +57,21 @@ class FewshotSetting:
 
 
 @dataclass(frozen=True)
+class Origin:
+    """Where the first weights came from."""
+
+    trunk: str | None
+    """Name of the encoder's trunk; None where the method has no encoder."""
+    trunk_pretrained: bool
+    """Whether category training began with published weights of it."""
+    category_digest: str | None
+    """SHA-256 of the category checkpoint's tensors; None: category training, or from scratch."""
+    category_step: int | None
+    category_data: tuple[DataFile, ...]
+    """What the category training had seen."""
+
+
+@dataclass(frozen=True)
 class CheckpointInfo:
     """What a checkpoint is; the JSON file."""
 
@@ -65,17 +82,16 @@ class CheckpointInfo:
     step: int
     seconds: float
     """Training time up to here, all resumed parts together."""
-    configuration: dict[str, Json]
+    configuration: JsonObject
     """The training's `TrainConfig`."""
+    origin: Origin
     data: tuple[DataFile, ...]
     setting: FewshotSetting | None
-    pretrained_from: str | None
-    """Digest of the category checkpoint's tensors."""
-    pretraining_data: tuple[DataFile, ...]
-    """What that category checkpoint had seen."""
     generator: str
-    """State of torch's default generator, hex. Sampling and jitter depend on (seed, step) alone."""
-    versions: dict[str, Json]
+    """State of torch's default generator, hex. Samples and jitter depend on (seed, step) alone."""
+    loss_scale: JsonObject
+    """State of float16's loss scaling; empty otherwise."""
+    versions: JsonObject
     """Of the packages that computed."""
     commit: str | None
     tensors_sha256: str

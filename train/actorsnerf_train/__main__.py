@@ -1,0 +1,85 @@
+"""The command line: pretrain, fewshot, evaluate, render."""
+
+import sys
+from typing import Annotated
+
+import tyro
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.allocator import keep_memory
+from actorsnerf_train.animate import AnimateOptions, run_render
+from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
+from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
+from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
+
+DESCRIPTION = """Train, evaluate and animate people from prepared files.
+
+  pretrain   learn what all actors share, from many prepared files
+  fewshot    fit one unseen actor from a few of its pictures
+  evaluate   measure the fitted actor in unseen poses and views
+  render     turntables, new poses, meshes; needs no data file
+
+Prepared files come from: python -m actorsnerf_preprocess prepare --help
+"""
+INTERRUPTED = 130
+"""Exit status of a program that Ctrl-C stopped."""
+
+Options = (
+    Annotated[PretrainOptions, tyro.conf.subcommand("pretrain")]
+    | Annotated[FewshotOptions, tyro.conf.subcommand("fewshot")]
+    | Annotated[EvaluateOptions, tyro.conf.subcommand("evaluate")]
+    | Annotated[AnimateOptions, tyro.conf.subcommand("render")]
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit status: 0 done, 2 something outside the program is wrong, 130 stopped by Ctrl-C."""
+    keep_memory()
+    options = tyro.cli(
+        Options,  # type: ignore[arg-type]  # tyro takes unions; its stub says classes
+        prog="python -m actorsnerf_train",
+        description=DESCRIPTION,
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes,),
+    )
+    try:
+        _run(options)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on from the last checkpoint", file=sys.stderr)
+        return INTERRUPTED
+    return 0
+
+
+def _run(options: PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions) -> None:
+    match options:
+        case PretrainOptions():
+            checkpoint = run_pretrain(options)
+            print(f"checkpoint: {checkpoint}")
+            print(
+                "next: python -m actorsnerf_train fewshot --data HELD_OUT_ACTOR.h5 "
+                f"--from {options.run} --run FOLDER"
+            )
+        case FewshotOptions():
+            checkpoint = run_fewshot(options)
+            print(f"checkpoint: {checkpoint}")
+            print(
+                f"next: python -m actorsnerf_train evaluate --checkpoint {options.run} "
+                f"--data {options.data} --out {options.run / 'evaluation'}"
+            )
+            print(
+                f"  or: python -m actorsnerf_train render --checkpoint {options.run} "
+                f"--out {options.run / 'turntable'}"
+            )
+        case EvaluateOptions():
+            run_evaluate(options)
+            print(f"result: {options.out / 'result.md'}")
+        case AnimateOptions():
+            for path in run_render(options):
+                print(path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

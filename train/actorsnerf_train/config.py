@@ -1,0 +1,146 @@
+"""What a training is, as one frozen value, and the named presets of both trainings."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_model.presets import OFFICIAL, SMALL, SMALL_VGG, TINY
+from actorsnerf_model.states import RenderOptions
+from actorsnerf_train.checkpoint import Stage
+from actorsnerf_train.health import HealthLimits
+from actorsnerf_train.losses import LossWeights
+from actorsnerf_train.schedule import Schedule
+
+PartName = Literal["encoder", "skinning", "deformation", "sparse", "radiance"]
+PresetName = Literal["official", "small", "small-vgg", "tiny"]
+Precision = Literal["float32", "bfloat16", "float16"]
+MethodName = Literal["actorsnerf"]
+FEWSHOT_FIRST_COUNT = 100_000
+"""The released code's few-shot fitting begins at this iteration count, the decay included."""
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Adam's base rate of each part (paper, section 4.1; released code)."""
+
+    encoder: float = 5e-4
+    skinning: float = 5e-5
+    deformation: float = 5e-5
+    sparse: float = 5e-4
+    radiance: float = 5e-4
+    scale: float = 1.0
+    """All of them times this."""
+
+    def of(self, part: PartName) -> float:
+        """The base rate of a part, scaled.
+
+        >>> Rates(scale=0.5).of("skinning")
+        2.5e-05
+        """
+        base: float = getattr(self, part)
+        return base * self.scale
+
+
+@dataclass(frozen=True)
+class Patches:
+    """How much of a picture one sample looks at."""
+
+    count: int = 4
+    """Released code: 4 in category training, 2 in few-shot fitting."""
+    side: int = 32
+    """Pixels (paper, section 4.1)."""
+
+
+@dataclass(frozen=True)
+class Every:
+    """How often something is written, in steps."""
+
+    log: int = 50
+    checkpoint: int = 2000
+    picture: int = 5000
+    milestone: int = 50_000
+    """Checkpoints of these steps are kept for good; of the others the newest two. 0 = none."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that decides what a training computes; equal values give equal weights."""
+
+    stage: Stage
+    preset: PresetName
+    schedule: Schedule
+    method: MethodName = "actorsnerf"
+    model: ActorsNeRFConfig = field(default_factory=ActorsNeRFConfig)
+    render: RenderOptions = field(default_factory=RenderOptions)
+    freeze_category: bool = False
+    """Encoder and skinning stand still, computed once (few-shot fitting; paper, section 4.1)."""
+    rates: Rates = field(default_factory=Rates)
+    losses: LossWeights = field(default_factory=LossWeights)
+    perceptual: Literal["lpips", "gradient_pyramid"] = "lpips"
+    """What the perceptual term is; the substitute only where LPIPS weights are missing."""
+    patches: Patches = field(default_factory=Patches)
+    accumulation: int = 1
+    """Samples of each process in a step."""
+    processes: int = 1
+    precision: Precision = "float32"
+    """Of products inside networks; geometry and LPIPS are always float32."""
+    seed: int = 0
+    every: Every = field(default_factory=Every)
+    health: HealthLimits = field(default_factory=HealthLimits)
+
+
+def pretraining(preset: PresetName) -> TrainConfig:
+    """The category-level training of a preset."""
+    match preset:
+        case "official":
+            return TrainConfig("pretrain", preset, Schedule(200_000), model=OFFICIAL)
+        case "small" | "small-vgg":
+            return TrainConfig(
+                "pretrain",
+                preset,
+                Schedule(4000, last_count=400_000),
+                model=SMALL if preset == "small" else SMALL_VGG,
+                render=RenderOptions(samples=64),
+                rates=Rates(deformation=2e-4, skinning=5e-4, scale=2.0),
+                patches=Patches(count=2),
+                every=Every(log=20, checkpoint=500, picture=500, milestone=0),
+            )
+        case "tiny":
+            return TrainConfig(
+                "pretrain",
+                preset,
+                Schedule(300, last_count=400_000),
+                model=TINY,
+                render=RenderOptions(samples=32),
+                rates=Rates(deformation=1e-3, skinning=2e-3, scale=4.0),
+                patches=Patches(count=2),
+                every=Every(log=10, checkpoint=100, picture=150, milestone=0),
+            )
+
+
+def fewshot(preset: PresetName) -> TrainConfig:
+    """The few-shot fitting of a preset; counts go on from 100,000 as in the released code."""
+    base = replace(
+        pretraining(preset),
+        stage="fewshot",
+        freeze_category=True,
+        losses=LossWeights(skinning=0.0),
+    )
+    match preset:
+        case "official":
+            steps, patches = 300_000, Patches(count=2)
+        case "small" | "small-vgg":
+            steps, patches = 1000, Patches(count=2)
+        case "tiny":
+            steps, patches = 200, Patches(count=2)
+    schedule = Schedule(steps, FEWSHOT_FIRST_COUNT, 400_000)
+    return replace(base, schedule=schedule, patches=patches)
+
+
+def from_scratch(config: TrainConfig) -> TrainConfig:
+    """A few-shot fitting without category training: every part learns, counts begin at 0.
+
+    What category training is compared with, at equal steps.
+    """
+    schedule = Schedule(config.schedule.steps, 0, config.schedule.last_count)
+    return replace(config, freeze_category=False, losses=LossWeights(), schedule=schedule)

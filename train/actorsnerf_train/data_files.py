@@ -1,0 +1,103 @@
+"""The prepared files of a training: found, checked, and whether they may be trained on."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from actorsnerf_datasets.check import check_sequence
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_train.checkpoint import DataFile, Origin
+
+SUFFIX = ".h5"
+BLACK = (0.0, 0.0, 0.0)
+WHITE = (1.0, 1.0, 1.0)
+BACKGROUNDS = {"zju-mocap": BLACK, "aist++": WHITE, "synthetic": BLACK, "converted": BLACK}
+"""What a data set's persons stand on (released code)."""
+
+
+def training_files(data: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """The files to pre-train on, and what to tell about those left out.
+
+    Named files are taken as they are. Of a folder, the files of actors that are held out for
+    testing are left out, and named.
+
+    Raises:
+        UserError: nothing is there.
+    """
+    chosen: list[Path] = []
+    left_out: list[str] = []
+    for path in data:
+        if not path.is_dir():
+            chosen.append(path)
+            continue
+        inside = sorted(path.glob(f"*{SUFFIX}"))
+        if not inside:
+            raise UserError(
+                f"{path}: holds no prepared file (*{SUFFIX}): prepare a download first: "
+                "python -m actorsnerf_preprocess prepare --source DOWNLOAD --out FOLDER"
+            )
+        for file in inside:
+            header = SequenceFile(file).header
+            if any(protocol.role == "held_out" for protocol in header.protocols):
+                left_out.append(f"{file.name}: actor {header.actor} is held out for testing")
+            else:
+                chosen.append(file)
+    if not chosen:
+        raise UserError(
+            f"{', '.join(map(str, data))}: no file to pre-train on; every actor is held out for "
+            "testing. Prepare other actors, or fewer --held-out."
+        )
+    return tuple(chosen), tuple(left_out)
+
+
+def check_files(paths: Sequence[Path]) -> None:
+    """Nothing, if every file passes its check.
+
+    Raises:
+        UserError: one does not; the first finding is quoted.
+    """
+    for path in paths:
+        errors = [f for f in check_sequence(path, None) if f.severity == "error"]
+        if errors:
+            more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+            raise UserError(
+                f"{path}: fails its check: {errors[0].sentence}{more}. All findings: "
+                f"python -m actorsnerf_datasets check {path}"
+            )
+
+
+def background_of(paths: Sequence[Path]) -> tuple[float, float, float]:
+    """The colour that the files' persons stand on.
+
+    Raises:
+        UserError: the files are of data sets with different colours.
+    """
+    found = {p: BACKGROUNDS[SequenceFile(p).header.provenance.dataset] for p in paths}
+    colours = set(found.values())
+    if len(colours) > 1:
+        black, white = (next(p for p, c in found.items() if c == one) for one in (BLACK, WHITE))
+        raise UserError(
+            f"{black} is of a data set on black and {white} of one on white: one training has one "
+            "background, so train on the data sets separately."
+        )
+    return colours.pop()
+
+
+def describe_file(path: Path) -> DataFile:
+    """What a checkpoint remembers of a file."""
+    with SequenceFile(path) as file:
+        return DataFile(str(path), file.header.sequence, file.header.actor, file.digest)
+
+
+def refuse_leakage(actor: str, file: Path, origin: Origin) -> None:
+    """Nothing, if the category training has not seen the actor.
+
+    Raises:
+        UserError: it has.
+    """
+    seen = [known.path for known in origin.category_data if known.actor == actor]
+    if seen:
+        raise UserError(
+            f"{file}: actor {actor} was in the category training already ({seen[0]}); few-shot "
+            "results on a known person mean nothing: take another actor, or pretrain without."
+        )

@@ -1,0 +1,150 @@
+"""The training loop, for category training and few-shot fitting alike; read `train` first.
+
+A step is a function of the weights, the optimiser's memory, the seed and the step's number. So 2N
+steps equal N steps, a kill and another N, bit for bit on a CPU.
+"""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+from tqdm import tqdm
+
+from actorsnerf_datasets.torch_dataset import Sample, View
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_train.batches import SampleSource, Share, jitter_generator, sample_stream, sample_to
+from actorsnerf_train.checkpoint import checkpoint_path
+from actorsnerf_train.distributed import Team, gathering, shared
+from actorsnerf_train.health import Health
+from actorsnerf_train.journal import Journal
+from actorsnerf_train.losses import Perceptual
+from actorsnerf_train.means import Means
+from actorsnerf_train.methods import KnownActor, know_actor, parts_of, window_at
+from actorsnerf_train.objective import Objective, Outcome
+from actorsnerf_train.optimiser import adam, set_rates
+from actorsnerf_train.pictures import write_png
+from actorsnerf_train.run_folder import RunFolder
+from actorsnerf_train.saving import Learner, restore, save
+from actorsnerf_train.schedule import due
+from actorsnerf_train.snapshot import snapshot
+
+SNAPSHOTS = "pictures"
+
+
+@dataclass(frozen=True)
+class Training:
+    """A training that is ready to begin."""
+
+    folder: RunFolder
+    method: ActorsNeRF
+    """On the device, with the weights to begin from."""
+    source: SampleSource
+    perceptual: Perceptual
+    device: torch.device
+    team: Team = field(default_factory=Team)
+    supports: tuple[View, ...] = ()
+    """Of the one actor of a few-shot fitting; empty where each sample brings its own."""
+    workers: int = 0
+    """Processes that load samples."""
+
+    def say(self, sentence: str) -> None:
+        """Tell the user; only the leading process does."""
+        if self.team.leads:
+            tqdm.write(sentence)
+
+    def with_supports(self, sample: Sample) -> Sample:
+        """The sample with the supports it is trained with."""
+        return replace(sample, supports=self.supports) if self.supports else sample
+
+
+def train(training: Training) -> Path:
+    """The last checkpoint (its JSON file) of the training, newly begun or gone on with.
+
+    Raises:
+        TrainingError: the loss is no number any more, or the actor has collapsed.
+    """
+    config, team = training.folder.config, training.team
+    learner = _learner(training)
+    first, seconds_before = restore(training.folder, learner, team.leads)
+    last, every = config.schedule.steps, config.every
+    stride = _Stride(training, learner, first)
+    journal = Journal(
+        training.folder.path if team.leads else None, training.perceptual.name, first, last
+    )
+    with journal:
+        for step in range(first, last):
+            rate = set_rates(learner.optimiser, config.schedule, step)
+            window = window_at(config, step)
+            actor = stride.take(step, window)
+            journal.advance()
+            done, seconds = step + 1, seconds_before + journal.seconds()
+            if due(done, every.log, last):
+                journal.record(stride.means.entry(done, actor, rate, window, seconds))
+            if team.leads and due(done, every.checkpoint, last):
+                save(training.folder, learner, done, seconds)
+            if team.leads and due(done, every.picture, last):
+                _picture(training, stride.actors, window, done)
+    team.wait()
+    return checkpoint_path(training.folder.path)
+
+
+class _Stride:
+    """One step after the other: samples in, changed weights out."""
+
+    def __init__(self, training: Training, learner: Learner, first: int) -> None:
+        config, team = training.folder.config, training.team
+        self.training = training
+        self.learner = learner
+        self.objective = shared(
+            Objective(training.method, training.perceptual, config.losses, config.render), team
+        )
+        share = Share(team.rank, team.processes, config.accumulation)
+        indices = share.indices(first, config.schedule.steps)
+        stream = sample_stream(training.source, indices, training.workers, training.device)
+        self.samples = zip(indices, stream, strict=True)
+        self.actors: dict[bytes, KnownActor] = {}
+        self.health = Health(config.health)
+        self.means = Means()
+
+    def take(self, step: int, window: float) -> str:
+        """Take one step; the name of its last actor."""
+        config = self.training.folder.config
+        for turn in range(config.accumulation):
+            index, drawn = next(self.samples)
+            sample = self.training.with_supports(drawn)
+            known = _known(self.actors, self.training.method, sample)
+            jitter = jitter_generator(config.seed, index, self.training.device)
+            with gathering(self.objective, last=turn == config.accumulation - 1):
+                outcome: Outcome = self.objective(sample, known, window, jitter)
+                self.learner.backward(outcome.losses.total / config.accumulation)
+            self.health.check(self.means.add(outcome), step, sample.target.actor)
+        self.learner.step()
+        return sample.target.actor
+
+
+def _learner(training: Training) -> Learner:
+    config, method = training.folder.config, training.method
+    method.train()
+    if config.freeze_category:
+        method.freeze_category_prior()
+    optimiser = adam(parts_of(method), config.rates)
+    scaler = torch.amp.GradScaler(training.device.type, enabled=config.precision == "float16")
+    return Learner(method, optimiser, scaler, training.supports)
+
+
+def _known(actors: dict[bytes, KnownActor], method: ActorsNeRF, sample: Sample) -> KnownActor:
+    """What is kept of the sample's actor; two sequences of one person differ in shape a little."""
+    shape = sample.target.canonical_joints.cpu().numpy().tobytes()
+    if shape not in actors:
+        actors[shape] = know_actor(method, sample.supports)
+    return actors[shape]
+
+
+def _picture(training: Training, actors: dict[bytes, KnownActor], window: float, step: int) -> None:
+    """Write the strip of the training's first sample."""
+    sample = training.with_supports(sample_to(training.source[0], training.device))
+    known = _known(actors, training.method, sample)
+    picture = snapshot(training.method, sample, known, window, training.folder.config.render)
+    folder = training.folder.path / SNAPSHOTS
+    folder.mkdir(exist_ok=True)
+    write_png(folder / f"step_{step:06d}.png", picture)

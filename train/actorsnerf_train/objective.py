@@ -1,0 +1,69 @@
+"""One sample's losses: patches rendered in its pose and camera, compared with its picture."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.rays import rays_through
+from actorsnerf_model.render import render_pixels
+from actorsnerf_model.states import Counts, RenderOptions
+from actorsnerf_train.batches import at_pixels, camera_of, on_background
+from actorsnerf_train.losses import Losses, LossWeights, Perceptual, training_losses
+from actorsnerf_train.methods import KnownActor, step_state
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The losses of a sample, and what the rendering was like."""
+
+    losses: Losses
+    inside: Float[Tensor, ""]
+    """Mean rendered opacity on the person's pixels; NaN where the patches show none."""
+    outside: Float[Tensor, ""]
+    """The same beside the person."""
+    counts: Counts
+
+
+class Objective(nn.Module):
+    """What a training minimises; one module, so that torch can share its gradients out."""
+
+    def __init__(
+        self,
+        method: ActorsNeRF,
+        perceptual: Perceptual,
+        weights: LossWeights,
+        options: RenderOptions,
+    ) -> None:
+        super().__init__()
+        self.method = method
+        self.perceptual = perceptual
+        self.weights = weights
+        self.options = options
+
+    def forward(
+        self, sample: Sample, known: KnownActor, window: float, generator: torch.Generator
+    ) -> Outcome:
+        """The losses of a sample.
+
+        Args:
+            sample: target, supports and patches.
+            known: what is kept of its actor.
+            window: open bands of the deformation's encoding.
+            generator: jitters the samples along the rays.
+        """
+        target = sample.target
+        actor, residual = step_state(self.method, sample.supports, known, window)
+        pose = self.method.pose_state(actor, target.pose, target.rest_joints)
+        rays = rays_through(sample.patches.reshape(-1, 2).to(target.K.dtype), camera_of(target))
+        rendering = render_pixels(self.method, actor, pose, rays, self.options, generator)
+        truth = at_pixels(on_background(target, self.options.background), sample.patches)
+        losses = training_losses(
+            rendering.rgb.reshape(truth.shape), truth, residual, self.perceptual, self.weights
+        )
+        person = at_pixels(target.alpha, sample.patches).reshape(-1) > 0.5
+        alpha = rendering.alpha.detach()
+        return Outcome(losses, alpha[person].mean(), alpha[~person].mean(), rendering.counts)
