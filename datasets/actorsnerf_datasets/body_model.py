@@ -146,7 +146,7 @@ def lbs(vertices: Float64, weights: Float64, transforms: Float64) -> Float64:
 
 def _npz_entries(path: Path) -> dict[str, object]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {key: archive[key] for key in _KEYS if key in archive.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise BodyModelError(

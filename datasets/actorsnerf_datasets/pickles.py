@@ -130,10 +130,14 @@ class _FromBuffer(metaclass=_Immutable):
     """`numpy.core.numeric._frombuffer`, the way protocol 5 writes arrays."""
 
     def __new__(  # type: ignore[misc]
-        cls, buffer: bytes, dtype: np.dtype[np.generic], shape: tuple[int, ...], order: str
+        cls,
+        buffer: bytes | bytearray,
+        dtype: np.dtype[np.generic],
+        shape: tuple[int, ...],
+        order: str,
     ) -> np.ndarray:
         """The array in a buffer."""
-        array = np.frombuffer(buffer, dtype=dtype)
+        array = np.frombuffer(bytearray(buffer), dtype=dtype)  # writable
         return array.reshape(shape, order="F" if order == "F" else "C")
 
 
