@@ -1,7 +1,7 @@
 """What the model's tests share: a skeleton, poses, and a method without networks."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import pytest
 import torch
@@ -42,7 +42,7 @@ def generator() -> torch.Generator:
 
 @pytest.fixture
 def rest_joints() -> Tensor:
-    """The 24 joints of an invented grown-up at rest, metres, float64."""
+    """The 24 joints of an invented adult at rest, metres, float64."""
     places = torch.zeros(24, 3, dtype=torch.float64)
     places[[0, 3, 6, 9]] = torch.tensor(MIDDLE, dtype=torch.float64)
     places[[12, 15]] = torch.tensor(NECK, dtype=torch.float64)
@@ -69,13 +69,13 @@ def support_views(
         share = torch.rand(vertices, 1, generator=generator, dtype=torch.float64)
         around = torch.randn(vertices, 3, generator=generator, dtype=torch.float64)
         rest = rest_joints[holder] * (1 - share) + rest_joints[bone] * share + 0.03 * around
-        views = (_view(rest_joints, rest, holder, size, frame) for frame in range(count))
-        return tuple(_cast(view, dtype) for view in views)
+        body = (rest_joints, rest, holder)
+        return tuple(_view(body, size, frame, dtype) for frame in range(count))
 
     def _view(
-        joints: Tensor, rest: Tensor, holder: Tensor, size: tuple[int, int], frame: int
+        body: tuple[Tensor, Tensor, Tensor], size: tuple[int, int], frame: int, dtype: torch.dtype
     ) -> View:
-        width, height = size
+        (joints, rest, holder), (width, height) = body, size
         pose = 0.2 * torch.randn(24, 3, generator=generator, dtype=torch.float64)
         pose[0] = 0
         motion = bone_motions(pose, joints, joints)[1][holder]
@@ -86,15 +86,24 @@ def support_views(
         K = torch.tensor([[focal, 0, width / 2 - 0.5], [0, focal, height / 2 - 0.5], [0, 0, 1]])
         image = torch.rand(height, width, 3, generator=generator)
         alpha = torch.ones(height, width)
-        tensors = (image, alpha, K, camera, pose, joints, rest, posed, joints)
-        return View(*tensors, "actor", "camera", frame, (0, 0), size)
+        return View(
+            image=image.to(dtype),
+            alpha=alpha.to(dtype),
+            K=K.to(dtype),
+            camera_from_body=camera.to(dtype),
+            pose=pose.to(dtype),
+            rest_joints=joints.to(dtype),
+            rest_vertices=rest.to(dtype),
+            posed_vertices=posed.to(dtype),
+            canonical_joints=joints.to(dtype),
+            actor="actor",
+            camera="camera",
+            frame=frame,
+            offset=(0, 0),
+            full_size=size,
+        )
 
     return make
-
-
-def _cast(view: View, dtype: torch.dtype) -> View:
-    values = {field.name: getattr(view, field.name) for field in fields(view)}
-    return View(**{k: v.to(dtype) if isinstance(v, Tensor) else v for k, v in values.items()})
 
 
 @dataclass(frozen=True)
