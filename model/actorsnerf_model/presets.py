@@ -12,7 +12,9 @@ from actorsnerf_model.sparse_conv import SparseConfig
 OFFICIAL = ActorsNeRFConfig()
 """The released code's sizes and constants."""
 
-_SOFT = RadianceConfig(width=64, octaves=8, density="softplus", density_scale=100, density_shift=-2)
+_SOFT = RadianceConfig(
+    width=64, octaves=8, density="softplus", density_scale=100.0, density_shift=-2.0
+)
 
 SMALL = ActorsNeRFConfig(
     encoder=EncoderConfig(weights="random", body_channels=16),
