@@ -48,3 +48,152 @@ def test_equals_the_reference(scene, occupancy, chunk, soft_mask):
     )
     assert_same(found, expected)
     assert found.counts.survivors < expected.counts.survivors / 5
+
+
+@pytest.mark.parametrize("samples", [1, 2, 33])
+@pytest.mark.parametrize("threshold", [0.001, 0.01, 0.3])
+def test_any_number_of_samples_and_threshold(scene, samples, threshold):
+    options = dataclasses.replace(OPTIONS, samples=samples, threshold=threshold, occupancy=False)
+    assert_same(fast(scene, all_rays(scene), options), reference(scene, all_rays(scene), options))
+
+
+def test_jitter_falls_on_the_same_samples(scene):
+    rays = all_rays(scene)
+    expected = reference(scene, rays, generator=torch.Generator().manual_seed(3))
+    found = fast(scene, rays, generator=torch.Generator().manual_seed(3))
+    assert_same(found, expected)
+    other = fast(scene, rays, generator=torch.Generator().manual_seed(4))
+    assert (other.rgb - found.rgb).abs().max() > 1e-3
+
+
+def test_only_survivors_reach_the_field(scene):
+    before = scene.method.asked
+    found = fast(scene, all_rays(scene))
+    assert scene.method.asked - before == found.counts.survivors
+    assert found.counts.survivors < 0.2 * found.counts.samples
+    assert found.counts.samples == found.counts.rays * OPTIONS.samples
+
+
+def test_the_picture_is_its_pixels(scene):
+    with torch.no_grad():
+        picture = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
+    width, height = scene.camera.size
+    pixels = fast(scene, all_rays(scene))
+    assert picture.rgb.shape == (height, width, 3)
+    assert (picture.rgb.reshape(-1, 3) - pixels.rgb).abs().max() < 1e-6
+    assert (picture.alpha.reshape(-1) - pixels.alpha).abs().max() < 1e-6
+    assert (picture.depth.reshape(-1) - pixels.depth).abs().max() < 1e-5
+    assert picture.counts.rays < pixels.counts.rays
+    assert picture.counts.survivors == pixels.counts.survivors
+
+
+def test_the_picture_without_cells(scene):
+    bare = dataclasses.replace(scene.pose, occupancy=None)
+    with torch.no_grad():
+        expected = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
+        found = render(scene.method, scene.actor, bare, scene.camera, OPTIONS)
+    assert (found.rgb - expected.rgb).abs().max() < 1e-6
+
+
+def test_the_cost_does_not_grow_with_the_picture(scene):
+    """The same person in a picture four times as large, same focal length."""
+    K = scene.camera.K.clone()
+    K[0, 2], K[1, 2] = 31.5, 39.5
+    large = dataclasses.replace(scene.camera, K=K, size=(64, 80))
+    with torch.no_grad():
+        few = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
+        many = render(scene.method, scene.actor, scene.pose, large, OPTIONS)
+    assert many.counts.rays <= 1.2 * few.counts.rays
+    assert many.counts.survivors == pytest.approx(few.counts.survivors, rel=0.1)
+
+
+@pytest.mark.parametrize("soft_mask", [True, False])
+@pytest.mark.parametrize("light", [0.5, 0.05, 1e-3])
+def test_stopping_early_costs_at_most_the_light_left(scene, light, soft_mask):
+    options = dataclasses.replace(OPTIONS, samples=200, soft_mask=soft_mask)
+    scene.method.density.data.mul_(10)
+    exact = fast(scene, all_rays(scene), options)
+    stopped = fast(scene, all_rays(scene), dataclasses.replace(options, stop_transmittance=light))
+    assert (stopped.rgb - exact.rgb).abs().max() <= light + 1e-5
+    assert (stopped.alpha - exact.alpha).abs().max() <= light + 1e-5
+    assert stopped.counts.survivors < exact.counts.survivors
+
+
+def test_rays_that_miss_and_no_rays_at_all(scene):
+    away = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
+    none = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.zeros(0, 3))
+    for stop in (0.0, 0.1):
+        options = dataclasses.replace(OPTIONS, stop_transmittance=stop)
+        found = fast(scene, away, options)
+        assert found.rgb.tolist() == [pytest.approx(OPTIONS.background)] * 2
+        assert found.alpha.tolist() == [0, 0] and found.counts.survivors == 0
+        assert fast(scene, none, options).rgb.shape == (0, 3)
+
+
+def test_rays_inside_the_bounds_without_survivors(scene):
+    for stop in (0.0, 0.1):
+        options = dataclasses.replace(OPTIONS, threshold=30.0, stop_transmittance=stop)
+        found = fast(scene, all_rays(scene), options)
+        assert found.counts.rays > 0 and found.counts.survivors == 0
+        assert found.alpha.abs().max() == 0
+
+
+def test_a_person_behind_the_camera(scene):
+    behind = scene.camera.camera_from_body.clone()
+    behind[:3, 3] = torch.tensor([0.0, 0.0, -5.0])
+    camera = dataclasses.replace(scene.camera, camera_from_body=behind)
+    with torch.no_grad():
+        found = render(scene.method, scene.actor, scene.pose, camera, OPTIONS)
+    assert found.alpha.abs().max() == 0 and found.counts.rays == 0
+
+
+def test_a_camera_inside_the_person(scene):
+    inside = scene.camera.camera_from_body.clone()
+    inside[:3, 3] = torch.tensor([0.0, -0.1, 0.0])
+    camera = dataclasses.replace(scene.camera, camera_from_body=inside)
+    rays = all_rays(dataclasses.replace(scene, camera=camera))
+    expected = reference(scene, rays)
+    assert_same(fast(scene, rays), expected)
+    with torch.no_grad():
+        picture = render(scene.method, scene.actor, scene.pose, camera, OPTIONS)
+    assert (picture.rgb.reshape(-1, 3) - expected.rgb).abs().max() < 1e-5
+
+
+@pytest.mark.parametrize("density", [0.0, 1e6])
+def test_no_density_and_far_too_much(scene, density):
+    scene.method.density.data.fill_(density)
+    expected = reference(scene, all_rays(scene))
+    assert torch.isfinite(expected.rgb).all()
+    assert_same(fast(scene, all_rays(scene)), expected)
+
+
+@pytest.mark.parametrize("soft_mask", [True, False])
+@pytest.mark.parametrize("stop", [0.0, 1e-9])
+def test_training_gradients_are_the_references(scene64, soft_mask, stop):
+    """Culling is hidden from the gradient: same numbers for every parameter, float64."""
+    width, height = scene64.camera.size
+    x, y = torch.meshgrid(torch.arange(4, width, 5), torch.arange(2, height, 5), indexing="xy")
+    pixels = torch.stack([x, y], -1).reshape(-1, 2).double()
+    options = dataclasses.replace(OPTIONS, samples=24, soft_mask=soft_mask, stop_transmittance=stop)
+    gradients = []
+    for renderer in (render_pixels, reference_render_pixels):
+        actor = scene64.method.actor_state((), 0.0)
+        rays = rays_through(pixels, scene64.camera)
+        generator = torch.Generator().manual_seed(5)
+        seen = renderer(scene64.method, actor, scene64.pose, rays, options, generator)
+        loss = (seen.rgb**2).sum() + seen.alpha.sum() + 0.1 * seen.depth.sum()
+        gradients.append(torch.autograd.grad(loss, list(scene64.method.parameters())))
+    for found, expected in zip(*gradients, strict=True):
+        assert expected.norm() > 0
+        assert (found - expected).norm() <= 1e-5 * expected.norm()
+
+
+def test_half_precision_networks_do_not_spoil_the_geometry(scene):
+    exact = fast(scene, all_rays(scene))
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        rays = all_rays(scene)
+        found = fast(scene, rays)
+    # The toy's field has one matrix product, which does run in half precision.
+    assert found.counts == exact.counts
+    assert found.rgb.dtype == torch.float32
+    assert (found.rgb - exact.rgb).abs().mean() < 0.01

@@ -1,0 +1,87 @@
+import pytest
+import torch
+import torch.nn.functional as F
+from torch.autograd import gradcheck
+
+from actorsnerf_model.interpolation import ROWS_AT_ONCE, bilinear, corners, trilinear
+
+
+def normalised(coordinates, sizes):
+    return 2 * coordinates / (torch.tensor(sizes, dtype=coordinates.dtype) - 1) - 1
+
+
+def anywhere(count, sizes, generator, dtype=torch.float64):
+    """Inside, at nodes, on the border, and up to several nodes outside."""
+    span = torch.tensor(sizes, dtype=dtype) + 5
+    free = torch.rand(count, len(sizes), generator=generator, dtype=dtype) * span - 3
+    return torch.cat([free, free.round()])
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_bilinear_is_grid_sample(generator, dtype):
+    table = torch.randn(5, 7, 4, generator=generator, dtype=dtype)
+    xy = anywhere(300, (7, 5), generator, dtype)
+    grid = normalised(xy, (7, 5))[None, None]
+    expected = F.grid_sample(table.permute(2, 0, 1)[None], grid, align_corners=True)[0, :, 0].T
+    tolerance = 1e-5 if dtype == torch.float32 else 1e-12
+    torch.testing.assert_close(bilinear(table, xy), expected, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_trilinear_is_grid_sample(generator, dtype):
+    volume = torch.randn(4, 5, 6, 3, generator=generator, dtype=dtype)
+    xyz = anywhere(300, (6, 5, 4), generator, dtype)
+    grid = normalised(xyz, (6, 5, 4))[None, None, None]
+    sampled = F.grid_sample(volume.permute(3, 0, 1, 2)[None], grid, align_corners=True)
+    tolerance = 1e-5 if dtype == torch.float32 else 1e-12
+    torch.testing.assert_close(
+        trilinear(volume, xyz), sampled[0, :, 0, 0].T, rtol=0, atol=tolerance
+    )
+
+
+def test_a_linear_field_is_read_exactly():
+    z, y, x = torch.meshgrid(torch.arange(3.0), torch.arange(4.0), torch.arange(5.0), indexing="ij")
+    volume = torch.stack([x + 10 * y + 100 * z], -1)
+    found = trilinear(volume, torch.tensor([[1.25, 2.5, 0.5]]))
+    torch.testing.assert_close(found, torch.tensor([[1.25 + 25 + 50]]))
+
+
+def test_one_node_wide_grids_fade_to_zero_around_the_node():
+    table = torch.full((1, 1, 1), 8.0)
+    xy = torch.tensor([[0.0, 0.0], [0.5, 0.0], [-0.25, 0.5], [1.0, 0.0]])
+    assert bilinear(table, xy)[:, 0].tolist() == [8.0, 4.0, 3.0, 0.0]
+
+
+def test_gradients(generator):
+    volume = torch.randn(3, 4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
+    xyz = anywhere(20, (5, 4, 3), generator)[:20] + 1e-3
+    assert gradcheck(trilinear, (volume, xyz.requires_grad_()))
+    table = torch.randn(4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
+    xy = anywhere(20, (5, 4), generator)[:20] + 1e-3
+    assert gradcheck(bilinear, (table, xy.requires_grad_()))
+
+
+def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator):
+    table = torch.randn(6, 6, 2, generator=generator)
+    xy = anywhere(ROWS_AT_ONCE, (6, 6), generator, torch.float32)
+    without = bilinear(table, xy)  # in pieces
+    with_gradient = bilinear(table.clone().requires_grad_(), xy)
+    torch.testing.assert_close(without, with_gradient.detach(), rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("wants_gradient", [True, False])
+def test_no_points(wants_gradient):
+    table = torch.ones(2, 2, 3, requires_grad=wants_gradient)
+    assert bilinear(table, torch.zeros(0, 2)).shape == (0, 3)
+
+
+def test_far_and_infinite_coordinates_read_zero():
+    xy = torch.tensor([[1e30, 0.0], [-torch.inf, 0.0], [torch.inf, torch.inf], [0.0, -1e9]])
+    assert bilinear(torch.ones(3, 3, 1), xy).abs().max() == 0
+
+
+def test_corners_outside_have_no_weight():
+    index, weight = corners(torch.tensor([[-0.25, 0.0]]), (2, 3))
+    inside = weight[0] > 0
+    assert index[0][inside].tolist() == [0]
+    assert weight[0].sum() == 0.75

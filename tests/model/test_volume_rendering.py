@@ -1,0 +1,111 @@
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch.autograd import gradcheck
+
+from actorsnerf_model.volume_rendering import composite, optical_depth
+
+
+def loop(rgb, density, spacing, depths, background):
+    """One ray, one sample after another."""
+    light, colour, alpha, depth = 1.0, torch.zeros(3, dtype=torch.float64), 0.0, 0.0
+    for sample in range(len(density)):
+        opacity = 1 - torch.exp(-density[sample] * spacing[sample])
+        colour = colour + light * opacity * rgb[sample]
+        alpha = alpha + light * opacity
+        depth = depth + light * opacity * depths[sample]
+        light = light * (1 - opacity)
+    return colour + light * background, alpha, depth
+
+
+def random_rays(generator, rays=5, samples=7):
+    rgb = torch.rand(rays, samples, 3, generator=generator, dtype=torch.float64)
+    density = 30 * torch.rand(rays, samples, generator=generator, dtype=torch.float64)
+    spacing = 0.1 * torch.rand(rays, samples, generator=generator, dtype=torch.float64)
+    return rgb, density, spacing, spacing.cumsum(-1)
+
+
+BACKGROUND = torch.tensor([0.1, 0.6, 1.0], dtype=torch.float64)
+
+
+def test_equals_the_loop(generator):
+    rgb, density, spacing, depths = random_rays(generator)
+    found = composite(rgb, optical_depth(density, spacing, None), depths, BACKGROUND)
+    for ray in range(5):
+        colour, alpha, depth = loop(rgb[ray], density[ray], spacing[ray], depths[ray], BACKGROUND)
+        torch.testing.assert_close(found.rgb[ray], colour)
+        torch.testing.assert_close(found.alpha[ray], alpha)
+        torch.testing.assert_close(found.depth[ray], depth)
+
+
+def test_two_samples_by_hand():
+    thickness = torch.tensor([[0.5, 1.0]]).log().neg()  # passes a half, then everything
+    found = composite(
+        torch.tensor([[[1.0, 0, 0], [0, 1, 0]]]), thickness, torch.tensor([[2.0, 3]]), torch.ones(3)
+    )
+    assert found.rgb[0].tolist() == [1.0, 0.5, 0.5]
+    assert (found.alpha.item(), found.depth.item()) == (0.5, 1.0)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-10, 1e6, width=32), min_size=1, max_size=20), st.booleans())
+def test_weights_and_passing_light_sum_to_one(densities, soft):
+    density = torch.tensor([densities])
+    likelihood = torch.linspace(0, 1.0001, density.shape[1])[None] if soft else None
+    thickness = optical_depth(density, torch.full_like(density, 0.013), likelihood)
+    black = composite(torch.ones(*density.shape, 3), thickness, density, torch.zeros(3))
+    passing = torch.exp(-thickness.sum(-1))
+    assert (black.weights.sum(-1) + passing - 1).abs().max() <= 1e-6
+    assert (black.weights >= 0).all()
+    assert 0 <= black.alpha.item() <= 1 + 1e-6
+    white = composite(torch.ones(*density.shape, 3), thickness, density, torch.ones(3))
+    assert (white.rgb - 1).abs().max() <= 2e-6
+
+
+@pytest.mark.parametrize("density", [0.0, 1e-30, 1.0, 1e3, 1e6, 1e30])
+@pytest.mark.parametrize("likelihood", [None, 0.0, 0.01, 1.0, 1.0001])
+def test_values_and_gradients_are_finite(density, likelihood):
+    given_density = torch.full((1, 4), density, requires_grad=True)
+    mask = None if likelihood is None else torch.full((1, 4), likelihood, requires_grad=True)
+    thickness = optical_depth(given_density, torch.full((1, 4), 0.01), mask)
+    found = composite(torch.rand(1, 4, 3), thickness, torch.ones(1, 4), torch.zeros(3))
+    (found.rgb.sum() + found.depth.sum() + found.alpha.sum()).backward()
+    assert torch.isfinite(found.rgb).all()
+    assert torch.isfinite(given_density.grad).all()
+    if mask is not None:
+        assert torch.isfinite(mask.grad).all()
+
+
+def test_empty_rays_are_background():
+    found = composite(torch.rand(2, 3, 3), torch.zeros(2, 3), torch.ones(2, 3), BACKGROUND.float())
+    torch.testing.assert_close(found.rgb, BACKGROUND.float().expand(2, 3), rtol=0, atol=0)
+    assert found.alpha.abs().max() == 0 and found.depth.abs().max() == 0
+    none = composite(torch.ones(0, 3, 3), torch.ones(0, 3), torch.ones(0, 3), torch.ones(3))
+    assert none.rgb.shape == (0, 3)
+
+
+def test_a_soft_mask_multiplies_the_opacity():
+    density, spacing = torch.tensor([[3.0]]), torch.tensor([[0.2]])
+    thickness = optical_depth(density, spacing, torch.tensor([[0.25]]))
+    opacity = 1 - torch.exp(-thickness)
+    torch.testing.assert_close(opacity, 0.25 * (1 - torch.exp(-density * spacing)))
+    full = optical_depth(density, spacing, torch.ones(1, 1))
+    torch.testing.assert_close(full, density * spacing)
+
+
+def test_gradient(generator):
+    rgb, density, spacing, depths = random_rays(generator, 2, 4)
+    likelihood = torch.rand(2, 4, generator=generator, dtype=torch.float64)
+
+    def hard(rgb, density):
+        found = composite(rgb, optical_depth(density, spacing, None), depths, BACKGROUND)
+        return found.rgb, found.alpha, found.depth
+
+    def soft(rgb, density, likelihood):
+        found = composite(rgb, optical_depth(density, spacing, likelihood), depths, BACKGROUND)
+        return found.rgb, found.alpha, found.depth
+
+    inputs = (rgb.requires_grad_(), density.requires_grad_())
+    assert gradcheck(hard, inputs)
+    assert gradcheck(soft, (*inputs, likelihood.requires_grad_()))
