@@ -8,7 +8,7 @@ together exactly what one process with twice the accumulation sees.
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -22,6 +22,7 @@ GENERATOR_STRIDE = 1_000_003
 """Prime; keeps the jitter seeds of neighbouring runs apart."""
 
 
+@runtime_checkable
 class SampleSource(Protocol):
     """What a training reads: a sample for every index."""
 

@@ -6,7 +6,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 from torch.utils.tensorboard.writer import SummaryWriter
 from tqdm import tqdm
@@ -58,7 +57,7 @@ class Journal:
         )
         self.began = time.monotonic()
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Journal":
         return self
 
     def __exit__(
