@@ -59,7 +59,7 @@ def choose_frames(seen: Float64, count: int) -> list[int]:
     >>> choose_frames(np.array([front, front, back])[:, None], 2)
     [0, 2]
     """
-    sides = seen.reshape(len(seen), -1)
+    sides = seen.reshape(len(seen), seen.shape[1] * seen.shape[2])
     total = np.zeros(sides.shape[1])
     left = list(range(len(seen)))
     chosen: list[int] = []

@@ -28,7 +28,16 @@ from actorsnerf_datasets.published import (
     ZJU_PRETRAINING,
     ZJU_SUPPORT,
 )
-from actorsnerf_datasets.types import BodyFits, Camera, Int64, ListName, Protocol, Role, Shots
+from actorsnerf_datasets.types import (
+    BodyFits,
+    Camera,
+    Float64,
+    Int64,
+    ListName,
+    Protocol,
+    Role,
+    Shots,
+)
 
 SUPPORT_COUNT = 3
 """K, the support frames of a few-shot setting (paper, §4)."""
@@ -184,7 +193,8 @@ def with_automatic_lists(
     Each automatic list has as many frames as the official one has, and chooses them by
     `coverage.choose_frames` from all frames between the first and the last that official few-shot
     lists use (for the short video: from the 100 frames that end with its last). Its first three
-    choices are the support frames. Existing automatic lists are replaced.
+    choices are the support frames. Existing automatic lists are replaced; with fewer than three
+    usable frames there is none.
 
     Args:
         protocol: with official lists; one without any (pre-training) comes back as it is.
@@ -201,15 +211,16 @@ def with_automatic_lists(
     used = [frame for shots in official for frame in (*shots.frames, *shots.support)]
     pool = np.flatnonzero(allowed & (frames >= min(used)) & (frames <= max(used)))
     longest = max(len(shots.frames) for shots in official)
-    order = pool[choose_frames(seen[pool], longest)]
+    order = _best(pool, seen, longest)
     auto: list[Shots] = []
     for shots in official:
         best = order
         if shots.name == "short-video":
             clip = pool[frames[pool] <= max(shots.frames)][-SHORT_VIDEO_SPAN:]
-            best = clip[choose_frames(seen[clip], len(shots.frames))]
+            best = _best(clip, seen, len(shots.frames))
         numbers = frames[best[: len(shots.frames)]].tolist()
-        auto.append(_shots(shots.name, "auto", numbers, numbers[:SUPPORT_COUNT]))
+        if len(numbers) >= SUPPORT_COUNT:
+            auto.append(_shots(shots.name, "auto", numbers, numbers[:SUPPORT_COUNT]))
     return dataclasses.replace(protocol, shots=(*official, *auto))
 
 
@@ -222,6 +233,10 @@ def needed_pairs(protocol: Protocol) -> set[tuple[str, int]]:
     for camera in protocol.evaluation_cameras:
         pairs |= {(camera, frame) for frame in protocol.evaluation_frames}
     return pairs
+
+
+def _best(pool: Int64, seen: Float64, count: int) -> Int64:
+    return pool[np.array(choose_frames(seen[pool], count), np.int64)]
 
 
 def _few(count: int) -> str:

@@ -1,6 +1,6 @@
 """A small body and a small sequence that pass every check."""
 
-import dataclasses
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -37,7 +37,7 @@ REST_JOINTS = np.array(
 """A person of 1.7 m with stretched arms."""
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def body() -> BodyModel:
     """A person made of ten points around each bone, with shape and pose blend shapes."""
     rng = np.random.default_rng(7)
@@ -115,7 +115,7 @@ def _fits(body: BodyModel, count: int) -> BodyFits:
     )
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def header(body: BodyModel) -> SequenceHeader:
     """Three cameras, twelve frames, a held-out actor of the generic protocol."""
     cameras = tuple(_camera(index, angle) for index, angle in enumerate((0.0, 1.5, 3.5)))
@@ -146,7 +146,10 @@ def header(body: BodyModel) -> SequenceHeader:
     )
 
 
-@pytest.fixture
+_DISC = [(x, y) for x in range(-3, 4) for y in range(-3, 4) if x * x + y * y < 9]
+
+
+@pytest.fixture(scope="session")
 def picture_of(header: SequenceHeader) -> Callable[[int, int], Picture]:
     """Draws the crop of a camera and a frame: discs where the vertices project."""
 
@@ -159,8 +162,10 @@ def picture_of(header: SequenceHeader) -> Callable[[int, int], Picture]:
         centre = np.rint((pixels.min(axis=0) + pixels.max(axis=0)) / 2)
         offset = (int(centre[0]) - width // 2, int(centre[1]) - height // 2)
         pixels = project(points, cropped_intrinsics(camera.K, offset), camera_from_body).pixels
-        grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1)
-        near = np.linalg.norm(grid[:, :, None] - pixels, axis=-1).min(axis=-1) < 3
+        near = np.zeros((height, width), np.bool_)
+        for x, y in _DISC:
+            column, row = np.rint(pixels + np.array((x, y))).astype(int).T
+            near[row.clip(0, height - 1), column.clip(0, width - 1)] = True
         rng = np.random.default_rng(camera_index * 1000 + frame_index)
         rgb = rng.integers(0, 256, size=(height, width, 3), dtype=np.uint8)
         return Picture(rgb, (near * 255).astype(np.uint8), offset)
@@ -168,7 +173,7 @@ def picture_of(header: SequenceHeader) -> Callable[[int, int], Picture]:
     return draw
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def stored_pictures(
     header: SequenceHeader, picture_of: Callable[[int, int], Picture]
 ) -> Callable[[], Iterator[StoredPicture]]:
@@ -184,19 +189,18 @@ def stored_pictures(
     return pictures
 
 
-@pytest.fixture
-def sequence_path(
+@pytest.fixture(scope="session")
+def _sequence_once(
     header: SequenceHeader,
     stored_pictures: Callable[[], Iterator[StoredPicture]],
-    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
-    """A prepared sequence that is right in every respect."""
-    path = tmp_path / "anna.h5"
+    path = tmp_path_factory.mktemp("sequence") / "anna.h5"
     write_sequence(path, header, CROP_SIZE, stored_pictures())
     return path
 
 
 @pytest.fixture
-def one_camera(header: SequenceHeader) -> SequenceHeader:
-    """The same with one camera."""
-    return dataclasses.replace(header, cameras=header.cameras[:1])
+def sequence_path(_sequence_once: Path, tmp_path: Path) -> Path:
+    """A prepared sequence that is right in every respect; a copy that a test may damage."""
+    return Path(shutil.copy(_sequence_once, tmp_path / "anna.h5"))
