@@ -183,9 +183,8 @@ def _outlines(mask: UInt8, lens: Lens, stored: Camera) -> list[Float64]:
 
 def _rays(pixels: Float64, camera: SourceCamera) -> Float64:
     """x/z, y/z of distorted pixels (N, 2), by fixed-point iteration."""
-    target: Float64 = np.linalg.solve(
-        camera.K[:2, :2], (pixels - camera.K[:2, 2]).T
-    ).T
+    inverse = np.linalg.inv(camera.K[:2, :2]).astype(np.float64)
+    target: Float64 = (pixels - camera.K[:2, 2]) @ inverse.T
     rays = target
     for _ in range(UNDISTORTION_STEPS if np.any(camera.distortion) else 0):
         rays = rays + (target - distorted(rays, camera.distortion))

@@ -6,6 +6,7 @@ shape, and frame 810 + k of subject 396 is paired with fit 810 + k (the released
 with k).
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,13 @@ from actorsnerf_preprocess.source import (
     SourceSequence,
     Survey,
 )
+from actorsnerf_preprocess.zju_annotations import world_up
 from actorsnerf_preprocess.zju_bodies import ReadFits, read_fits
 from actorsnerf_preprocess.zju_choice import FitChoice, choose_fit
 from actorsnerf_preprocess.zju_converted import (
+    converted_fits,
     is_converted_tree,
-    open_converted,
+    read_converted_tree,
     survey_converted,
 )
 from actorsnerf_preprocess.zju_inspection import (
@@ -38,7 +41,7 @@ from actorsnerf_preprocess.zju_inspection import (
     mask_source,
     source_digests,
 )
-from actorsnerf_preprocess.zju_tree import is_zju_tree, subject_of
+from actorsnerf_preprocess.zju_tree import VARIANT_LINES, is_zju_tree, subject_of
 
 SYNTHETIC_SIGN = "synthetic.json"
 """A file of this name in a sequence's folder or above marks a tree of our own generator."""
@@ -77,6 +80,7 @@ def survey_zju(found: Found, options: OpenOptions) -> Survey:
     if found.dataset == "converted":
         return survey_converted(found)
     seen = inspect_zju(found, options)
+    found = replace(found, variant=VARIANT_LINES[seen.tree.variant])
     lines = (("sequence", found.name), ("actor", _actor(found)), *facts(seen))
     return Survey(found, lines, seen.findings)
 
@@ -89,7 +93,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
     """
     model, body_model = body_model_for(found, options)
     if found.dataset == "converted":
-        return open_converted(found, options, model, body_model)
+        return _open_converted(found, options, model, body_model)
     seen = inspect_zju(found, options)
     tree = seen.tree
     protocol = protocol_of(found, options, tree.camera_names, tree.frames)
@@ -106,7 +110,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         for index, position in enumerate(positions)
     }
     return SourceSequence(
-        found=found,
+        found=replace(found, variant=VARIANT_LINES[tree.variant]),
         actor=_actor(found),
         world_up=seen.world_up,
         cameras=seen.cameras,
@@ -122,6 +126,44 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         source_digests=source_digests(tree.root, _digested(seen, choice)),
         findings=(*seen.findings, *choice.findings, *read.findings),
         reader=ImageReader(tree.root, files, tuple(camera.size for camera in seen.cameras)),
+    )
+
+
+def _open_converted(
+    found: Found, options: OpenOptions, model: BodyModel, body_model: str
+) -> SourceSequence:
+    tree = read_converted_tree(found.path)
+    names = tuple(camera.name for camera in tree.cameras)
+    protocol = protocol_of(found, options, names, tree.frames)
+    wanted = wanted_pairs(protocol, options, names, tree.frames)
+    positions = np.flatnonzero(wanted.any(axis=0))
+    frames = tuple(tree.frames[p] for p in positions)
+    read, findings = converted_fits(tree, frames, model)
+    require_plausible_distance(tree.cameras, read)
+    up = world_up(np.stack([camera.R for camera in tree.cameras]))
+    files = {
+        (camera, index): tree.picture_files(camera, frame)
+        for camera in range(len(tree.cameras))
+        for index, frame in enumerate(frames)
+    }
+    digested = [f"{folder}/{n}.pkl" for folder in tree.folders for n in ("cameras", "mesh_infos")]
+    return SourceSequence(
+        found=found,
+        actor=_actor(found),
+        world_up=up,
+        cameras=tree.cameras,
+        frames=np.array(frames, np.int64),
+        fits=read.fits,
+        shape=read.shape,
+        protocols=(protocol,),
+        wanted=wanted[:, positions],
+        body_model=body_model,
+        mask_source="masks of the converted tree; not zero = person",
+        source_terms=SOURCE_TERMS,
+        notes=(*read.notes, *_note(protocol, model, body_model)),
+        source_digests=source_digests(tree.root, tuple(digested)),
+        findings=(*tree.findings, *findings, *read.findings),
+        reader=ImageReader(tree.root, files, tuple(camera.size for camera in tree.cameras)),
     )
 
 

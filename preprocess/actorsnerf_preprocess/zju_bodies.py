@@ -1,6 +1,6 @@
 """The fits of many frames in the standard convention, each verified against its vertices."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,21 +65,38 @@ def read_fits(root: Path, frames: tuple[int, ...], choice: FitChoice, model: Bod
             f"{root / choice.folders.parameters}: no usable fit for any of {len(frames)} frames "
             f"(first asked: {frames[0]}.npy); {_available(root / choice.folders.parameters)}."
         )
-    used = tuple(frames[position] for position in positions)
-    fits, off, unread = _body_fits(root, used, raw, choice, model)
     findings = _missing_findings(choice.folders.parameters, missing, broken)
+    read = verified_fits(root, tuple(frames[p] for p in positions), raw, choice, model)
+    return replace(read, positions=tuple(positions), findings=(*findings, *read.findings))
+
+
+def verified_fits(
+    root: Path, frames: tuple[int, ...], raw: list[RawFit], choice: FitChoice, model: BodyModel
+) -> ReadFits:
+    """Fits in the standard convention, each with its vertices: the stored ones where they fit.
+
+    Args:
+        root: the folder that has the vertices.
+        frames: frame numbers, as many as fits.
+        raw: the fits as found.
+        choice: which vertices belong to them, and how those are rebuilt.
+        model: the body model of the fits.
+
+    Raises:
+        SourceError: the vertices of many frames do not belong to the fits.
+    """
+    fits, off, unread = _body_fits(root, frames, raw, choice, model)
     notes = [choice.sentence]
     if any(fit.padded for fit in raw):
         notes.append("Poses of 69 numbers were given a zero root rotation.")
     if any(np.any(fit.pose[0]) for fit in raw):
         notes.append("Root rotations inside `poses` were folded into the global transform.")
-    findings += _vertex_findings(root, choice, len(raw), off, unread)
+    findings = _vertex_findings(root, choice, len(raw), off, unread)
     if off:
         notes.append(f"Vertices of {len(off)} frames were rebuilt; their files do not fit.")
-    betas = fits.betas.mean(axis=0)
-    joints, vertices = rest(model, betas)
-    shape = types.ActorShape(betas, joints, vertices.astype(np.float32))
-    return ReadFits(tuple(positions), fits, shape, tuple(findings), tuple(notes))
+    joints, vertices = rest(model, fits.betas.mean(axis=0))
+    shape = types.ActorShape(fits.betas.mean(axis=0), joints, vertices.astype(np.float32))
+    return ReadFits(tuple(range(len(raw))), fits, shape, tuple(findings), tuple(notes))
 
 
 def _body_fits(

@@ -65,14 +65,15 @@ def write_zju(tiny_body: Path) -> WriteTree:
         for number in frames:
             world, old_world, fit = _fit(model, rng)
             vertices.append(world)
-            for folder, content in (
+            stored: tuple[tuple[str, object], ...] = (
                 ("new_params", fit),
                 ("new_vertices", world.astype(np.float32)),
                 ("params", fit),
                 ("vertices", old_world.astype(np.float32)),
-            ):
+            )
+            for folder, content in stored:
                 (root / folder).mkdir(parents=True, exist_ok=True)
-                np.save(root / folder / f"{number}.npy", content, allow_pickle=True)
+                np.save(root / folder / f"{number}.npy", np.asarray(content), allow_pickle=True)
             ims.append(
                 {"ims": [_write_picture(tree, c, number, world, rng) for c in range(len(names))]}
             )

@@ -1,0 +1,195 @@
+"""The command line: `python -m actorsnerf_preprocess prepare | inspect | synthetic`."""
+
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_preprocess.cluster import cluster_team
+from actorsnerf_preprocess.estimate import estimate
+from actorsnerf_preprocess.needs import ORIGINS, need_lines, needs_of
+from actorsnerf_preprocess.pictures import PictureOptions
+from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
+from actorsnerf_preprocess.run_report import CHECK_NOTICE, finding_lines, report_lines
+from actorsnerf_preprocess.source import Found, OpenOptions, SourceError, SourceSequence, Survey
+from actorsnerf_preprocess.sources import (
+    find_sources,
+    held_out_names,
+    open_source,
+    selected,
+    survey_source,
+)
+from actorsnerf_preprocess.workers import team
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is read."""
+
+    source: Path
+    """Folder of the download: ZJU-MoCap, AIST++, or a tree of HumanNeRF or ActorsNeRF."""
+    body_model: Path | None = None
+    """SMPL-format file (.pkl or .npz); synthetic sources need none."""
+    sequences: tuple[str, ...] = ()
+    """Only these sequences; all by default. `actorsnerf-30` names the paper's AIST++ sequences."""
+    masks: Path | None = None
+    """A folder of your own masks, preferred over those of the source."""
+    held_out: tuple[str, ...] = ()
+    """Actors outside the published lists that are held out for testing; also one per line in
+    <source>/held_out.txt. The others are for pre-training."""
+    all_pairs: bool = False
+    """Every picture of every camera, not only those that the protocol uses."""
+    accept_ignored: bool = False
+    """Also sequences that the data set's own ignore list names."""
+
+
+@dataclass(frozen=True)
+class Inspect(Reading):
+    """Says what a source folder holds and what is wrong with it; writes nothing."""
+
+
+@dataclass(frozen=True)
+class Prepare(Reading):
+    """Turns raw sequences into one HDF5 file each: undistorted, resized, cut to the person."""
+
+    out: Path = field(default=Path("prepared"))
+    """Folder for the prepared files."""
+    scale: float = 0.5
+    """Stored size / source size."""
+    keep_background: bool = False
+    """Keep what is not the person."""
+    workers: int = 2
+    """Processes."""
+    scheduler: str | None = None
+    """Address of a dask.distributed scheduler that runs the work in place of own processes."""
+    list_needed: bool = False
+    """Only list the files that the protocol needs, and which are missing."""
+    dry_run: bool = False
+    """Only estimate time and disk."""
+
+
+Command = (
+    Annotated[Prepare, tyro.conf.subcommand("prepare")]
+    | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command; the exit code is 2, with one sentence on stderr, if the input is bad."""
+    command = tyro.cli(Command, args=arguments, prog="actorsnerf-preprocess")
+    try:
+        return _prepare(command) if isinstance(command, Prepare) else _inspect(command)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+
+
+def _inspect(reading: Reading) -> int:
+    errors = 0
+    for found in selected(find_sources(reading.source), reading.sequences):
+        survey = survey_source(found, _options(reading))
+        _print_survey(survey)
+        errors += any(finding.severity == "error" for finding in survey.findings)
+    print(CHECK_NOTICE)
+    return 2 if errors else 0
+
+
+def _prepare(command: Prepare) -> int:
+    found = selected(find_sources(command.source), command.sequences)
+    if command.list_needed:
+        return _list_needed(command, found)
+    options = _options(command)
+    refused = []
+    with _workers(command) as executor:
+        for each in found:
+            try:
+                _prepare_one(command, each, options, executor)
+            except UserError as error:
+                refused.append(each.name)
+                print(f"error: {error}", file=sys.stderr)
+    done = [each.name for each in found if each.name not in refused]
+    if done and not command.dry_run:
+        files = " ".join(str(command.out / f"{name}.h5") for name in done[:3])
+        print(CHECK_NOTICE)
+        print(f"next: python -m actorsnerf_datasets check {files}{' ...' if done[3:] else ''}")
+    return 2 if refused else 0
+
+
+def _prepare_one(
+    command: Prepare, found: Found, options: OpenOptions, executor: Executor | None
+) -> None:
+    source = open_source(found, options)
+    print(f"{found.name}: {source.found.variant}, actor {source.actor}, {_roles(source)}")
+    print("\n".join(finding_lines(source.findings)))
+    if command.dry_run:
+        guess = estimate(source, PictureOptions(command.scale, command.keep_background))
+        print(
+            f"  would store {guess.pictures} pictures: about {guess.seconds:.0f} s with one worker "
+            f"and {guess.bytes / 1e6:.0f} MB (from {guess.sampled} pictures)"
+        )
+        return
+    _make_folder(command.out)
+    run = PrepareOptions(
+        scale=command.scale,
+        keep_background=command.keep_background,
+        workers=command.workers,
+        progress=sys.stderr.isatty(),
+    )
+    report = prepare_sequence(source, command.out, run, executor)
+    if report is None:
+        print(f"  {command.out / found.name}.h5 is there already, made with the same settings")
+    else:
+        print("\n".join(report_lines(report)))
+
+
+def _list_needed(command: Prepare, found: Sequence[Found]) -> int:
+    missing = 0
+    for each in found:
+        needs = needs_of(each, _options(command))
+        missing += sum(len(need.missing) for need in needs)
+        print("\n".join(need_lines(each, needs)))
+    print("\n".join(ORIGINS))
+    return 2 if missing else 0
+
+
+def _options(reading: Reading) -> OpenOptions:
+    return OpenOptions(
+        body_model=reading.body_model,
+        pairs="all" if reading.all_pairs else "protocol",
+        held_out=held_out_names(reading.source, reading.held_out),
+        masks=reading.masks,
+        ignored="accept" if reading.accept_ignored else "refuse",
+    )
+
+
+def _workers(command: Prepare) -> AbstractContextManager[Executor | None]:
+    return cluster_team(command.scheduler) if command.scheduler else team(command.workers)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SourceError(f"{path}: cannot be made or used as a folder ({error}).") from error
+
+
+def _roles(source: SourceSequence) -> str:
+    return ", ".join(f"{protocol.role} in {protocol.name}" for protocol in source.protocols)
+
+
+def _print_survey(survey: Survey) -> None:
+    width = max(len(label) for label, _ in survey.facts)
+    for label, value in survey.facts:
+        print(f"{label:<{width}}  {value}")
+    print("\n".join(finding_lines(survey.findings)) or "  nothing wrong was found")
+    print()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""Any source folder: which data set it holds, which of its sequences, and who is held out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
+from actorsnerf_preprocess.aist_names import expanded_selection
+from actorsnerf_preprocess.source import Found, OpenOptions, SourceError, SourceSequence, Survey
+from actorsnerf_preprocess.zju import find_zju, open_zju, survey_zju
+from actorsnerf_preprocess.zju_converted import is_converted_tree
+from actorsnerf_preprocess.zju_tree import is_zju_tree, subject_of
+
+HELD_OUT_FILE = "held_out.txt"
+"""Names of held-out actors, one per line, at the top of a source folder."""
+
+
+def find_sources(root: Path) -> tuple[Found, ...]:
+    """The sequences below a folder, by name.
+
+    Raises:
+        SourceError: the folder does not exist, or holds no data set, or two of them.
+    """
+    if not root.is_dir():
+        raise SourceError(f"{root}: no such folder; --source names the folder of the download.")
+    zju, aist = find_zju(root), find_aist(root)
+    if zju and aist:
+        raise SourceError(
+            f"{root}: holds ZJU-MoCap ({zju[0].name}, ...) and AIST++ ({aist[0].name}, ...): pass "
+            "the folder of one data set."
+        )
+    if not zju and not aist:
+        raise SourceError(
+            f"{root}: is no data set that can be read; looked for ZJU-MoCap (annots.npy in the "
+            "folder or up to two levels below), AIST++ (motions/ and cameras/mapping.txt), and "
+            "trees of HumanNeRF or ActorsNeRF (mesh_infos.pkl)."
+        )
+    return zju or aist
+
+
+def selected(found: Sequence[Found], names: Sequence[str]) -> tuple[Found, ...]:
+    """The sequences of the given names; all without names.
+
+    A ZJU-MoCap subject's number is a name too; `actorsnerf-30` stands for the paper's AIST++ ones.
+
+    Raises:
+        SourceError: a name is not among them.
+    """
+    if not names:
+        return tuple(found)
+    wanted: dict[str, Found] = {}
+    for name in expanded_selection(names):
+        matches = [each for each in found if name in (each.name, subject_of(each.name))]
+        if not matches:
+            there = ", ".join(each.name for each in found[:8]) + (", ..." if found[8:] else "")
+            raise SourceError(f"{found[0].path.parent}: has no sequence {name!r}; it has {there}.")
+        wanted.update({each.name: each for each in matches})
+    return tuple(wanted.values())
+
+
+def survey_source(found: Found, options: OpenOptions) -> Survey:
+    """What is there of a sequence and what is wrong with it; needs no body model.
+
+    Raises:
+        SourceError: the annotations are missing or damaged.
+    """
+    return survey_zju(found, options) if _is_zju(found) else survey_aist(found, options)
+
+
+def open_source(found: Found, options: OpenOptions) -> SourceSequence:
+    """A sequence ready to be prepared.
+
+    Raises:
+        SourceError: something that it needs is missing or wrong.
+    """
+    return open_zju(found, options) if _is_zju(found) else open_aist(found, options)
+
+
+def held_out_names(root: Path, given: Sequence[str]) -> tuple[str, ...]:
+    """The names of held-out actors: those given, else those in the source's `held_out.txt`."""
+    path = root / HELD_OUT_FILE
+    if given or not path.is_file():
+        return tuple(given)
+    return tuple(line.strip() for line in path.read_text().splitlines() if line.strip())
+
+
+def _is_zju(found: Found) -> bool:
+    return is_zju_tree(found.path) or is_converted_tree(found.path)
