@@ -89,7 +89,7 @@ def _camera(index: int, angle: float) -> Camera:
         R=R,
         T=-R @ (-3.0 * forward),
         size=(80, 80),
-        source_K=K * [[2.0], [2.0], [1.0]],
+        source_K=np.array([[120.0, 0.0, 79.5], [0.0, 120.0, 79.5], [0.0, 0.0, 1.0]]),
         source_distortion=np.zeros(5),
         source_size=(160, 160),
     )
