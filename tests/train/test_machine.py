@@ -1,12 +1,15 @@
 import subprocess
+from collections.abc import Callable
+from pathlib import Path
 
+import pytest
 import torch
 
 from actorsnerf_train import machine
 from actorsnerf_train.machine import program_commit, this_machine
 
 
-def test_the_machine_is_named():
+def test_the_machine_is_named() -> None:
     found = this_machine(torch.device("cpu"))
     assert found.device == "cpu"
     assert found.cores >= 1
@@ -15,8 +18,8 @@ def test_the_machine_is_named():
     assert found.processor
 
 
-def _checkout(tmp_path, monkeypatch):
-    def git(*arguments):
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Callable[..., None]]:
+    def git(*arguments: str) -> None:
         subprocess.run(["git", "-C", str(tmp_path), *arguments], check=True, capture_output=True)
 
     module = tmp_path / "machine.py"
@@ -28,8 +31,10 @@ def _checkout(tmp_path, monkeypatch):
     return module, git
 
 
-def test_commit_of_a_checkout_and_its_changes(tmp_path, monkeypatch):
-    module, git = _checkout(tmp_path, monkeypatch)
+def test_commit_of_a_checkout_and_its_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, git = checkout(tmp_path, monkeypatch)
     git("add", "machine.py")
     git("commit", "-qm", "first")
     clean = program_commit()
@@ -38,7 +43,9 @@ def test_commit_of_a_checkout_and_its_changes(tmp_path, monkeypatch):
     assert program_commit() == clean + "+"
 
 
-def test_a_copy_that_the_checkout_does_not_track_has_no_commit(tmp_path, monkeypatch):
-    _, git = _checkout(tmp_path, monkeypatch)
+def test_a_copy_that_the_checkout_does_not_track_has_no_commit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, git = checkout(tmp_path, monkeypatch)
     git("commit", "-q", "--allow-empty", "-m", "first")
     assert program_commit() is None

@@ -85,6 +85,7 @@ def test_files_hold_the_mesh(tmp_path: Path, ball: PosedActor[float], suffix: st
     found = trimesh.load_mesh(path, process=False)
     assert found.is_watertight and len(found.faces) == len(mesh.faces)
     assert np.allclose(found.bounds, trimesh.Trimesh(mesh.vertices, mesh.faces).bounds, atol=1e-5)
+    assert isinstance(found.visual, trimesh.visual.ColorVisuals)
     assert sorted(map(tuple, found.visual.vertex_colors[:, :3].tolist())) == sorted(
         map(tuple, mesh.colours.tolist())
     )

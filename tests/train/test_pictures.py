@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -16,43 +18,44 @@ from actorsnerf_train.pictures import (
 )
 
 
-def test_levels_are_rounded_and_clipped():
+def test_levels_are_rounded_and_clipped() -> None:
     picture = torch.tensor([[[-0.2, 0.0, 1.5], [0.5, 1 / 255, 0.4 / 255]]])
     assert to_bytes(picture).tolist() == [[[0, 0, 255], [128, 1, 0]]]
 
 
-def test_png_keeps_the_order_of_channels(tmp_path, rng):
+def test_png_keeps_the_order_of_channels(tmp_path: Path, rng: np.random.Generator) -> None:
     picture = rng.integers(0, 256, size=(5, 7, 3), dtype=np.uint8)
     write_png(tmp_path / "a.png", picture)
     assert np.array_equal(read_png(tmp_path / "a.png"), picture)
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
 
 
-def test_grey_png(tmp_path):
+def test_grey_png(tmp_path: Path) -> None:
     write_png(tmp_path / "a.png", np.array([[0, 200]], dtype=np.uint8))
     assert read_png(tmp_path / "a.png").tolist() == [[[0] * 3, [200] * 3]]
 
 
-def test_depth_counts_millimetres(tmp_path):
+def test_depth_counts_millimetres(tmp_path: Path) -> None:
     write_depth(tmp_path / "d.png", torch.tensor([[0.0, 1.2344], [1.2346, 99.0]]))
     found = cv2.imread(str(tmp_path / "d.png"), cv2.IMREAD_UNCHANGED)
+    assert found is not None
     assert found.dtype == np.uint16
     assert found.tolist() == [[0, 1234], [1235, 65535]]
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture"])
-def test_a_damaged_picture_is_refused(tmp_path, content):
+def test_a_damaged_picture_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.png").write_bytes(content)
     with pytest.raises(UserError, match=r"a\.png: cannot be read as a picture"):
         read_png(tmp_path / "a.png")
 
 
-def test_a_missing_picture_is_refused(tmp_path):
+def test_a_missing_picture_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such picture"):
         read_png(tmp_path / "a.png")
 
 
-def test_video_has_all_pictures_in_order_without_the_odd_edge(tmp_path):
+def test_video_has_all_pictures_in_order_without_the_odd_edge(tmp_path: Path) -> None:
     levels = (20, 120, 220)
     write_video(tmp_path / "v.mp4", (np.full((33, 65, 3), n, np.uint8) for n in levels), 10.0)
     video = cv2.VideoCapture(str(tmp_path / "v.mp4"))
@@ -65,13 +68,13 @@ def test_video_has_all_pictures_in_order_without_the_odd_edge(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
 
 
-def test_video_of_nothing_is_refused(tmp_path):
+def test_video_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no pictures to make a video of"):
         write_video(tmp_path / "v.mp4", [], 10.0)
     assert not list(tmp_path.iterdir())
 
 
-def test_error_picture_is_dark_where_right_and_bright_where_wrong():
+def test_error_picture_is_dark_where_right_and_bright_where_wrong() -> None:
     truth = torch.zeros(1, 3, 3)
     made = torch.zeros(1, 3, 3)
     made[0, 1], made[0, 2] = 0.1, 0.25
@@ -79,7 +82,7 @@ def test_error_picture_is_dark_where_right_and_bright_where_wrong():
     assert brightness[0] < 20 < brightness[1] < brightness[2]
 
 
-def test_strip_sets_rows_and_columns():
+def test_strip_sets_rows_and_columns() -> None:
     small = np.zeros((2, 3, 3), np.uint8)
     large = np.full((4, 5, 3), 7, np.uint8)
     sheet = strip([[large, small], [large]])

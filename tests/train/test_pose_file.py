@@ -62,15 +62,13 @@ def test_amass_with_fingers_keeps_the_22_shared_joints(
     assert found.fps is None
 
 
-def test_an_object_entry_beside_the_poses_is_never_read(
-    tmp_path: Path, poses: np.ndarray
-) -> None:
+def test_an_object_entry_beside_the_poses_is_never_read(tmp_path: Path, poses: np.ndarray) -> None:
     labels = np.array([{"a": 1}, None], dtype=object)
     file = amass(tmp_path / "a.npz", poses=poses, trans=np.zeros((T, 3)), labels=labels)
     assert len(load_poses(file).transl) == T
 
 
-REFUSED = {
+REFUSED: dict[str, tuple[dict[str, np.ndarray], str]] = {
     "easymocap": ({"Rh": np.zeros((T, 3)), "Th": np.zeros((T, 3))}, "EasyMocap's convention"),
     "no root": ({"poses": np.zeros((T, 69))}, "69 numbers a frame: the root rotation is missing"),
     "matrices": ({"poses": np.zeros((T, 24, 3, 3))}, r"\(4, 24, 3, 3\): rotation matrices, expect"),
@@ -82,12 +80,18 @@ REFUSED = {
     "one frame": ({"poses": np.zeros(72)}, r"poses has shape \(72,\), expected \(frames, 72\)"),
     "no frame": ({"poses": np.zeros((0, 72))}, r"poses has shape \(0, 72\)"),
     "text": ({"poses": np.array(["a"] * T)}, "poses is not an array of numbers"),
-    "no poses": ({"joints": np.zeros((T, 24, 3))}, "has no poses, only joints, trans; expected AIS"),
+    "no poses": (
+        {"joints": np.zeros((T, 24, 3))},
+        "has no poses, only joints, trans; expected AIS",
+    ),
     "millimetres": (
         {"poses": np.zeros((T, 72)), "trans": np.full((T, 3), 900.0)},
         "trans puts the body 900 m from the origin: is it in another unit",
     ),
-    "infinite": ({"poses": np.zeros((T, 72)), "trans": np.full((T, 3), np.inf)}, "trans is not fin"),
+    "infinite": (
+        {"poses": np.zeros((T, 72)), "trans": np.full((T, 3), np.inf)},
+        "trans is not fin",
+    ),
     "other length": (
         {"poses": np.zeros((T, 72)), "trans": np.zeros((T + 1, 3))},
         r"trans has shape \(5, 3\), expected \(4, 3\)",

@@ -16,6 +16,7 @@ from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Float64, UInt8
 from actorsnerf_model.render import render
 from actorsnerf_model.states import ActorState, PoseState, Rendering
+from actorsnerf_train.distributed import local_device
 from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
 from actorsnerf_train.pictures import to_bytes, write_depth, write_png, write_video
 from actorsnerf_train.pose_file import load_poses
@@ -89,7 +90,7 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
     """
     if options.mesh is not None and options.mesh.suffix not in MESH_SUFFIXES:
         raise UserError(f"{options.mesh}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
-    trained = load_trained(options.checkpoint, torch.device(options.device))
+    trained = load_trained(options.checkpoint, local_device(options.device))
     return animate(trained, options)
 
 
@@ -121,6 +122,7 @@ def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple
         posed = PosedActor(trained.method, trained.state, _pose_state(trained, shots[0]))
         threshold = trained.config.render.threshold
         surface = MeshOptions(options.mesh_resolution, options.mesh_level, threshold)
+        options.mesh.parent.mkdir(parents=True, exist_ok=True)
         write_mesh(options.mesh, posed_mesh(posed, surface))
         written.append(options.mesh)
     return tuple(written)

@@ -21,6 +21,7 @@ from actorsnerf_datasets.selection import camera_index, find_protocol
 from actorsnerf_datasets.types import Protocol, UInt8
 from actorsnerf_model.states import ActorState
 from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.distributed import local_device
 from actorsnerf_train.judge import Judged, Judgement, judge, strip_row
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
 from actorsnerf_train.machine import program_commit, this_machine
@@ -85,7 +86,7 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
     Raises:
         UserError: no such checkpoint, file or protocol; another actor; no evaluation picture.
     """
-    trained = load_trained(options.checkpoint, torch.device(options.device))
+    trained = load_trained(options.checkpoint, local_device(options.device))
     with SequenceFile(options.data) as file:
         evaluation, rows = evaluate(trained, file, options)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -175,10 +176,10 @@ def _evaluation(
     images: Sequence[ImageRow],
 ) -> Evaluation:
     header, info, config = file.header, trained.info, trained.config
-    setting, encoder = info.setting, config.model.encoder
-    encodes = config.model.pixel_features or config.model.body_features
+    setting, encodes = info.setting, config.model.pixel_features or config.model.body_features
     return Evaluation(
         method=info.method,
+        preset=config.preset,
         actor=header.actor,
         sequence=header.sequence,
         dataset=header.provenance.dataset,
@@ -193,11 +194,12 @@ def _evaluation(
         limited=plan.limited,
         missing=plan.missing,
         background=judgement.render.background,
-        encoder=encoder.trunk if encodes else None,
-        encoder_pretrained=encodes and encoder.weights == "imagenet",
-        pretrained_from=info.pretrained_from,
+        encoder=config.model.encoder.trunk if encodes else None,
+        encoder_pretrained=info.origin.trunk_pretrained,
+        pretrained_from=info.origin.category_digest,
         seed=config.seed,
         step=info.step,
+        training_seconds=info.seconds,
         configuration=info.configuration,
         checkpoint=str(trained.path),
         render_options=_record(judgement.render),
@@ -260,7 +262,8 @@ def _lpips(files: LpipsFiles, device: torch.device) -> Lpips | None:
     def distance(truth: Tensor, prediction: Tensor) -> Tensor:
         pair = torch.stack([prediction, truth]).float().movedim(3, 1) * 2 - 1
         with torch.no_grad():
-            return network(pair[:1], pair[1:])[0]
+            found: Tensor = network(pair[:1], pair[1:])
+        return found[0]
 
     return distance
 

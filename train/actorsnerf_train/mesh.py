@@ -95,7 +95,7 @@ def posed_mesh(posed: PosedActor[ActorState], options: MeshOptions) -> Mesh:
             "--mesh-level, or train longer."
         )
     padded = np.pad(density.numpy(), 1)  # closes the surface where the body touches the bounds
-    found, faces, _, _ = marching_cubes(
+    found, faces, _, _ = marching_cubes(  # type: ignore[no-untyped-call]  # has no annotations
         padded, options.level, gradient_direction="ascent", allow_degenerate=False
     )
     origin = lower.cpu().numpy() - options.resolution
@@ -115,4 +115,5 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
         raise UserError(f"{path}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
     model = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=mesh.colours, process=False)
     content = model.export(file_type=path.suffix[1:])
+    assert isinstance(content, str | bytes)
     write_whole(path, content.encode() if isinstance(content, str) else content)

@@ -8,6 +8,7 @@ key                 value
 schema              "actorsnerf-result"
 schema_version      1; a reader refuses a higher one
 method              "actorsnerf", "humannerf", "neuralbody" or a baked form of one
+preset              of the training: "official", "small", ...
 actor, sequence     who was rendered, from which sequence
 dataset             "zju-mocap", "aist++", "synthetic" or "converted"
 data_sha256         digest of the prepared file
@@ -21,8 +22,9 @@ missing             (camera, frame) pairs of those that the file holds no valid 
 background          red, green, blue in [0, 1] that both pictures lie on
 encoder             name of the image encoder; null if the method has none
 encoder_pretrained  true if it started from published weights
-pretrained_from     digest of the category-level checkpoint; null if trained from scratch
+pretrained_from     digest of the category-level checkpoint; null: from scratch
 seed, step          of the training
+training_seconds    of that training, category training not included
 configuration       the training's configuration, an object
 checkpoint          path as given
 render_options      samples, threshold, ... as in `RenderOptions`, an object
@@ -93,6 +95,7 @@ class Evaluation:
     """The content of one `result.json`; the module's docstring explains each field."""
 
     method: str
+    preset: str
     actor: str
     sequence: str
     dataset: str
@@ -112,6 +115,7 @@ class Evaluation:
     pretrained_from: str | None
     seed: int
     step: int
+    training_seconds: float
     configuration: Mapping[str, Json]
     checkpoint: str
     render_options: Mapping[str, Json]

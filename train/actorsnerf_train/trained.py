@@ -14,6 +14,7 @@ from actorsnerf_train.checkpoint import CheckpointError, CheckpointInfo, load_ch
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.methods import build_method, window_at
 from actorsnerf_train.records import from_json
+from actorsnerf_train.saving import load_model
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,9 @@ def load_trained(source: Path, device: torch.device) -> TrainedActor[ActorsNeRFS
             f"{checkpoint.path}: is a category checkpoint, which knows no actor; fit it to one "
             "first: python -m actorsnerf_train fewshot --help"
         )
-    config = from_json(TrainConfig, info.configuration, f"{checkpoint.path}: configuration")
+    config = from_json(TrainConfig, dict(info.configuration), f"{checkpoint.path}: configuration")
     method = build_method(config, device)
-    try:
-        method.load_state_dict(checkpoint.part("model"))
-    except RuntimeError as error:
-        raise CheckpointError(
-            f"{checkpoint.path}: its weights do not fit its configuration ({error})."
-        ) from None
+    load_model(method, checkpoint)
     method.eval()
     supports = supports_from_tensors(checkpoint.part("actor"), device)
     with torch.no_grad():

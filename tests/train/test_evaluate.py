@@ -1,0 +1,151 @@
+import dataclasses
+import json
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pytest
+import torch
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_train import evaluate as evaluation_module
+from actorsnerf_train.evaluate import EvaluateOptions, evaluate, plan_evaluation, run_evaluate
+from actorsnerf_train.lpips import LpipsFiles
+from actorsnerf_train.pictures import read_png
+from actorsnerf_train.result_file import read_result
+from actorsnerf_train.trained import TrainedActor, load_trained
+
+
+class People(Protocol):
+    ann: Path
+    eve: Path
+
+
+@pytest.fixture(autouse=True)
+def without_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a machine where the weights were never installed."""
+
+    def nothing(files: LpipsFiles) -> None:
+        return None
+
+    monkeypatch.setattr(evaluation_module, "load_lpips", nothing)
+
+
+@pytest.fixture
+def trained(fewshot_run: Path) -> TrainedActor[ActorsNeRFState]:
+    return load_trained(fewshot_run, torch.device("cpu"))
+
+
+@pytest.fixture
+def options(fewshot_run: Path, people: People, tmp_path: Path) -> EvaluateOptions:
+    return EvaluateOptions(fewshot_run, people.eve, tmp_path / "evaluation", samples=8)
+
+
+def test_a_run_leaves_result_table_and_strip(options: EvaluateOptions) -> None:
+    found = run_evaluate(dataclasses.replace(options, max_frames=2, strip=1))
+    assert sorted(p.name for p in options.out.iterdir()) == [
+        "result.json",
+        "result.md",
+        "strip.png",
+    ]
+    assert read_result(options.out) == found
+    assert found.actor == "eve" and found.method == "actorsnerf"
+    assert (found.setting, found.list_name, found.shots, found.supports) == (
+        "fewshot-5",
+        "official",
+        5,
+        3,
+    )
+    assert found.limited and len(found.frames) == 2 and found.cameras == ("camera1",)
+    assert found.render_options["samples"] == 8
+    assert found.encoder == "resnet18" and not found.encoder_pretrained
+    assert found.lpips_note is not None and "no LPIPS weights" in found.lpips_note
+    assert {row.convention for row in found.per_image} == {"paper", "strict", "box"}
+    assert read_png(options.out / "strip.png").ndim == 3
+
+
+def test_means_are_means_of_the_pictures(
+    options: EvaluateOptions, trained: TrainedActor[ActorsNeRFState]
+) -> None:
+    with SequenceFile(options.data) as file:
+        found, rows = evaluate(trained, file, dataclasses.replace(options, max_frames=3, strip=2))
+    assert len(rows) == 2 and len(found.per_image) == 9
+    for mean in found.means:
+        own = [row for row in found.per_image if row.convention == mean.convention]
+        assert mean.psnr == pytest.approx(np.mean([row.psnr for row in own]))
+        assert mean.ssim == pytest.approx(np.mean([row.ssim for row in own]))
+        assert mean.lpips_x1000 is None
+    (camera,) = {row.camera for row in found.per_camera}
+    assert camera == "camera1"
+    assert found.mean("paper").psnr == found.mean("strict").psnr
+    assert found.mean("paper").ssim > found.mean("strict").ssim
+    assert found.render_seconds * 3 < found.seconds
+
+
+def test_the_plan_is_the_protocols_own(
+    options: EvaluateOptions, trained: TrainedActor[ActorsNeRFState]
+) -> None:
+    file = SequenceFile(options.data)
+    (protocol,) = file.header.protocols
+    plan = plan_evaluation(trained, file, options)
+    assert plan.frames == protocol.evaluation_frames
+    assert plan.cameras == protocol.evaluation_cameras
+    assert not plan.limited and not plan.missing
+    assert len(plan.pairs) == len(plan.frames) * len(plan.cameras)
+
+
+def test_missing_pictures_are_counted_not_hidden(
+    options: EvaluateOptions, trained: TrainedActor[ActorsNeRFState]
+) -> None:
+    file = SequenceFile(options.data)
+    number = file.header.protocols[0].evaluation_frames[0]
+    valid = file.valid.copy()
+    valid[1, file.frame_index(number)] = False
+    file.__dict__["valid"] = valid  # as the reader keeps it
+    plan = plan_evaluation(trained, file, options)
+    assert plan.missing == (("camera1", number),)
+    assert not plan.limited
+    assert (1, file.frame_index(number)) not in plan.pairs
+
+
+def test_a_quick_look_spreads_its_frames(
+    options: EvaluateOptions, trained: TrainedActor[ActorsNeRFState]
+) -> None:
+    file = SequenceFile(options.data)
+    whole = file.header.protocols[0].evaluation_frames
+    plan = plan_evaluation(trained, file, dataclasses.replace(options, max_frames=3))
+    assert plan.frames == (whole[0], whole[round((len(whole) - 1) / 2)], whole[-1])
+    one = plan_evaluation(trained, file, dataclasses.replace(options, max_frames=1))
+    assert one.frames == whole[:1] and one.limited
+
+
+def test_another_actors_file_is_refused(options: EvaluateOptions, people: People) -> None:
+    message = r"ann\.h5: shows actor ann, but .* was fitted to eve: evaluate on that actor's file"
+    with pytest.raises(UserError, match=message):
+        run_evaluate(dataclasses.replace(options, data=people.ann))
+    assert not options.out.exists()
+
+
+def test_an_unknown_protocol_is_refused(options: EvaluateOptions) -> None:
+    with pytest.raises(UserError, match=r"has no protocol 'actorsnerf-zju'; it has generic"):
+        run_evaluate(dataclasses.replace(options, protocol="actorsnerf-zju"))
+
+
+def test_nothing_to_evaluate_is_refused(options: EvaluateOptions) -> None:
+    with pytest.raises(UserError, match="none of the 0 evaluation frames x 1 cameras of protocol"):
+        run_evaluate(dataclasses.replace(options, max_frames=0))
+
+
+def test_the_same_evaluation_twice_gives_the_same_numbers(options: EvaluateOptions) -> None:
+    quick = dataclasses.replace(options, max_frames=1, strip=0)
+    first, second = run_evaluate(quick), run_evaluate(quick)
+    assert first.means == second.means
+    assert not (options.out / "strip.png").exists()
+    assert json.loads((options.out / "result.json").read_text())["schema_version"] == 1
+
+
+def test_a_device_that_is_not_there(options: EvaluateOptions) -> None:
+    with pytest.raises(UserError, match="--device gpu: cannot be used here"):
+        run_evaluate(dataclasses.replace(options, device="gpu"))
