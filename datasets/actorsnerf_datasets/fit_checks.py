@@ -56,7 +56,7 @@ def body_model_findings(header: SequenceHeader, model: BodyModel) -> Iterator[Fi
         return
     try:
         blends = {blend: _vertex_errors(header, model, blend, 1)[0] for blend in (True, False)}
-        blend = blends[True] <= blends[False]
+        blend = bool(blends[True] <= blends[False])
         errors = _vertex_errors(header, model, blend, len(header.frames))
         _, rest_vertices = body_model.rest(model, header.shape.betas)
     except BodyModelError as error:

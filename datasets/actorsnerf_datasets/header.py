@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from importlib import metadata
 from pathlib import Path
-from typing import cast
+from typing import cast, get_args
 
 import h5py
 import numpy as np
@@ -186,6 +186,12 @@ def _protocol(name: str, group: h5py.Group, path: Path) -> Protocol:
     missing += [key for key in PROTOCOL_DATASETS if key not in group]
     if missing:
         raise LayoutError(f"{path}: protocols/{name} has no {', '.join(missing)}")
+    role = str(group.attrs["role"])
+    if role not in get_args(Role):
+        raise LayoutError(
+            f"{path}: protocols/{name} has the role {role!r}, expected one of "
+            f"{', '.join(get_args(Role))}"
+        )
     shots = [
         Shots(
             name=shots_name,
@@ -198,7 +204,7 @@ def _protocol(name: str, group: h5py.Group, path: Path) -> Protocol:
     ]
     return Protocol(
         name=name,
-        role=cast(Role, str(group.attrs["role"])),
+        role=cast(Role, role),
         training_camera=str(group.attrs["training_camera"]),
         evaluation_cameras=tuple(str(camera) for camera in group["evaluation_cameras"].asstr()[:]),
         pretraining_frames=_frame_numbers(group["pretraining_frames"]),

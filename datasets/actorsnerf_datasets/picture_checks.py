@@ -86,8 +86,6 @@ def _protocol_findings(
     header: SequenceHeader, index: Index, protocol: Protocol
 ) -> Iterator[Finding]:
     entry = f"protocols/{protocol.name}"
-    if protocol.role not in ("pretraining", "held_out"):
-        yield Finding("error", entry, f"role is {protocol.role!r}, not pretraining or held_out")
     names = [camera.name for camera in header.cameras]
     absent = [c for c in (protocol.training_camera, *protocol.evaluation_cameras) if c not in names]
     if absent:

@@ -2,6 +2,7 @@ import os
 import pickle
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,7 +92,8 @@ def test_within_a_micrometre_of_smplx(golden_file: Path, rng: np.random.Generato
 
 def test_pickle_and_npz_give_the_same_body(golden_file: Path, tmp_path: Path) -> None:
     path = tmp_path / "body.npz"
-    np.savez(path, **{name: np.asarray(entry) for name, entry in _golden_entries().items()})
+    arrays: dict[str, Any] = {name: np.asarray(e) for name, e in _golden_entries().items()}
+    np.savez(path, **arrays)
     angles = _wave((24, 3), 1.3)
     one, other = (pose(load_body_model(p), np.zeros(10), angles) for p in (golden_file, path))
     np.testing.assert_array_equal(one.vertices, other.vertices)

@@ -48,6 +48,9 @@ def test_without_sources_and_protocols(header: SequenceHeader, tmp_path: Path) -
 
 def test_what_is_missing_is_named(sequence_path: Path) -> None:
     with h5py.File(sequence_path, "r+") as file:
+        file["protocols/generic"].attrs["role"] = "spectator"
+        with pytest.raises(LayoutError, match="the role 'spectator', expected one of pretraining"):
+            read_header(file, sequence_path)
         del file["protocols/generic/evaluation_frames"]
         with pytest.raises(LayoutError, match="protocols/generic has no evaluation_frames"):
             read_header(file, sequence_path)

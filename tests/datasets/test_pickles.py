@@ -66,7 +66,7 @@ def test_old_and_new_numpy_paths(tmp_path: Path) -> None:
     assert old != content
     path = tmp_path / "old.pkl"
     path.write_bytes(old)
-    np.testing.assert_array_equal(load_pickle(path), np.arange(4))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(load_pickle(path), np.arange(4))
 
 
 def _object_pickle(module: str, name: str, state: object) -> bytes:
@@ -78,10 +78,10 @@ def _object_pickle(module: str, name: str, state: object) -> bytes:
 def test_chumpy_arrays_and_selections(tmp_path: Path) -> None:
     path = tmp_path / "model.pkl"
     path.write_bytes(_object_pickle("chumpy.ch", "Ch", {"x": np.arange(6.0), "_itr": None}))
-    np.testing.assert_array_equal(load_pickle(path), np.arange(6.0))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(load_pickle(path), np.arange(6.0))
     state = {"a": np.arange(10.0), "idxs": np.array([1, 3, 5, 7]), "preferred_shape": (2, 2)}
     path.write_bytes(_object_pickle("chumpy.reordering", "Select", state))
-    np.testing.assert_array_equal(load_pickle(path), [[1, 3], [5, 7]])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(load_pickle(path), [[1, 3], [5, 7]])
 
 
 @pytest.mark.parametrize("kind", ["csc", "csr"])
@@ -91,7 +91,7 @@ def test_sparse_matrices_come_out_dense(tmp_path: Path, kind: str, protocol: int
     dense = np.array([[0.0, 2.0, 0.0, 1.0], [0.0, 0.0, 3.0, 0.0]])
     path = tmp_path / "regressor.pkl"
     path.write_bytes(pickle.dumps(getattr(sparse, f"{kind}_matrix")(dense), protocol))
-    np.testing.assert_array_equal(load_pickle(path), dense)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(load_pickle(path), dense)
 
 
 class _Hostile:

@@ -58,7 +58,8 @@ def test_positions_become_numbers() -> None:
     assert _zju("390").pretraining_frames == tuple(range(600, 1150))
     assert _zju("396").pretraining_frames == tuple(range(810, 1360))
     assert _zju("396", 1350).pretraining_frames == tuple(range(810, 1350))
-    assert _zju("377").evaluation_frames == _zju("377").shots == ()
+    assert not _zju("377").evaluation_frames
+    assert not _zju("377").shots
 
 
 def test_a_held_out_zju_subject() -> None:

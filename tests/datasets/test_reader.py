@@ -54,7 +54,7 @@ def test_the_whole_picture_is_rebuilt(
     )
     inside = np.zeros((80, 80), bool)
     inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
-    assert (full[~inside] == np.float32([1.0, 0.5, 0.0])).all()
+    assert (full[~inside] == np.array([1.0, 0.5, 0.0], np.float32)).all()
     assert sequence.full_alpha(0, 0).sum() == pytest.approx((picture.alpha / 255).sum())
 
 

@@ -55,9 +55,8 @@ def test_a_bent_elbow_moves_the_hand_by_hand() -> None:
     pose = np.zeros((24, 3))
     pose[18] = [0.0, 0.0, np.pi / 2]
     joints = posed_joints(pose, rest)
-    np.testing.assert_allclose(
-        joints[[18, 20, 22]], [[1, 0, 0], [1, 1, 0], [1, 1.5, 0]], atol=1e-15
-    )
+    expected = np.array([[1, 0, 0], [1, 1, 0], [1, 1.5, 0]])
+    np.testing.assert_allclose(joints[[18, 20, 22]], expected, atol=1e-15)
 
 
 def test_bone_lengths_stay_and_the_pelvis_stays(rng: np.random.Generator) -> None:
