@@ -149,3 +149,8 @@ def test_the_same_evaluation_twice_gives_the_same_numbers(options: EvaluateOptio
 def test_a_device_that_is_not_there(options: EvaluateOptions) -> None:
     with pytest.raises(UserError, match="--device gpu: cannot be used here"):
         run_evaluate(dataclasses.replace(options, device="gpu"))
+
+
+def test_no_convention_is_a_sentence(options: EvaluateOptions) -> None:
+    with pytest.raises(UserError, match="No convention is left to evaluate under"):
+        run_evaluate(dataclasses.replace(options, conventions=()))

@@ -86,12 +86,6 @@ def test_markdown_says_what_was_evaluated(evaluation: Evaluation) -> None:
     assert not any(word in markdown(whole) for word in ("quick look", "missing", "not computed"))
 
 
-def test_the_mean_of_a_convention_that_was_not_evaluated(evaluation: Evaluation) -> None:
-    assert evaluation.mean("box").psnr == 20.0
-    with pytest.raises(UserError, match="actor eve has no convention 'strict', only paper, box"):
-        evaluation.mean("strict")
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -136,6 +136,8 @@ def plan_evaluation(
         UserError: another actor's file, no such protocol, or no picture to evaluate.
     """
     header = file.header
+    if not options.conventions:
+        raise UserError("No convention is left to evaluate under: name one (paper, strict, box).")
     if header.actor != trained.actor:
         raise UserError(
             f"{file.path}: shows actor {header.actor}, but {trained.path} was fitted to "
