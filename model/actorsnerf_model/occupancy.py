@@ -103,7 +103,7 @@ def pose_occupancy(
         part = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
         total[part] += _looked_up(tables.peaks[bone], start[bone], steps[bone], begin, end)
     box = torch.stack([bounds[0], bounds[0] + sizes * cell])
-    return Occupancy(box, total >= needed)
+    return Occupancy(box, total >= needed, threshold)
 
 
 def _touched(

@@ -90,6 +90,7 @@ def render(
         options: how to spend work.
     """
     width, height = camera.size
+    options = _honest(options, pose)
     where = footprint(pose, camera, options.occupancy).reshape(-1).nonzero()[:, 0]
     pixels = torch.stack([where % width, where // width], -1).to(camera.K.dtype)
     seen = render_pixels(method, actor, pose, rays_through(pixels, camera), options)
@@ -123,6 +124,7 @@ def render_pixels(
         options: how to spend work.
         generator: jitters the samples (training); None spaces them evenly.
     """
+    options = _honest(options, pose)
     jitter = draw_jitter(rays, options.samples, generator)
     span = intersect_box(rays, pose.bounds)
     hit = span.hit.nonzero()[:, 0]
@@ -146,6 +148,12 @@ def render_pixels(
         depth = depth.index_copy(0, part[row], seen.depth)
     counts = Counts(hit.shape[0], hit.shape[0] * options.samples, survivors)
     return Rendering(rgb, alpha, depth, counts)
+
+
+def _honest(options: RenderOptions, pose: PoseState) -> RenderOptions:
+    """The options without cells that were made for a higher threshold than is asked for."""
+    made_for = pose.occupancy.threshold if pose.occupancy is not None else 0.0
+    return options if made_for <= options.threshold else replace(options, occupancy=False)
 
 
 def _survivors(scene: _Scene[ActorState], samples: _Samples) -> _Survivors:

@@ -7,10 +7,11 @@ softmax). Names as in the paper: W_b is a bone's weight, M_b its motion from pos
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from actorsnerf_model.interpolation import corners, trilinear
+from actorsnerf_model.interpolation import trilinear
 
 BOX_MARGIN = (0.2, 0.2, 1.0)
 """Share of the joints' extent added on each side of the canonical box in x, y, z (released code).
@@ -59,61 +60,112 @@ def nodes_from_canonical(
     points: Float[Tensor, "*batch 3"], volume: SkinningVolume
 ) -> Float[Tensor, "*batch 3"]:
     """Canonical points (metres) in units of the volume's nodes, x, y, z."""
-    last = points.new_tensor([size - 1 for size in reversed(volume.weights.shape[1:])])
-    return (points - volume.box[0]) * (last / (volume.box[1] - volume.box[0]))
+    return (points - volume.box[0]) * _nodes_per_metre(volume)
 
 
-def carry(
-    points: Float[Tensor, "points 3"], motions: Float[Tensor, "24 4 4"]
-) -> Float[Tensor, "points 24 3"]:
-    """Each point moved by each bone. Written out, so that a point's result ignores its company."""
-    x, y, z = (points[:, None, None, axis] for axis in range(3))
-    matrix = motions[:, :3]
-    return x * matrix[..., 0] + y * matrix[..., 1] + z * matrix[..., 2] + matrix[..., 3]
+def node_motions(
+    volume: SkinningVolume, canonical_from_body: Float[Tensor, "24 4 4"]
+) -> Float[Tensor, "3 24 4"]:
+    """The bones' motions from the posed body frame (metres) straight to the volume's nodes.
+
+    Rows of the matrices first: a lookup wants all bones' x together, then y, then z.
+    """
+    scale = _nodes_per_metre(volume)
+    shift = torch.zeros_like(canonical_from_body[:, :3])
+    shift[..., 3] = volume.box[0]
+    return ((canonical_from_body[:, :3] - shift) * scale[:, None]).transpose(0, 1)
+
+
+def bone_places(
+    points: Float[Tensor, "points 3"], motions: Float[Tensor, "3 24 4"]
+) -> Float[Tensor, "3 24 points"]:
+    """Where each bone carries each point. Written out, so that a point's result is its own alone.
+
+    A matrix product rounds by the number of its rows, and a point near the threshold would pass
+    or fail with its company.
+    """
+    x, y, z = points.T.contiguous()
+    a, b, c, d = motions[..., None].unbind(2)
+    return a * x + b * y + c * z + d
+
+
+def lookup_table(volume: SkinningVolume) -> Float[Tensor, "24 z y x"]:
+    """The weights with a layer of zeros on every side, so that every cell has all its corners."""
+    return F.pad(volume.weights, (1, 1, 1, 1, 1, 1))
+
+
+def inside_boxes(
+    places: Float[Tensor, "3 24 points"],
+    low: Float[Tensor, "24 3"],
+    high: Float[Tensor, "24 3"],
+) -> Bool[Tensor, "24 points"]:
+    """True where a bone's place of a point is in the bone's box; never in one of inf to -inf."""
+    middle = ((low + high) / 2).nan_to_num(0.0).T[..., None]
+    away = (places - middle).abs() - ((high - low) / 2).T[..., None]
+    return away[0].maximum(away[1]).maximum(away[2]) <= 0
+
+
+def weights_at(
+    places: Float[Tensor, "3 24 points"],
+    asked: Bool[Tensor, "24 points"],
+    table: Float[Tensor, "24 z y x"],
+) -> Float[Tensor, "24 points"]:
+    """Each bone's weight at its own place of each point where asked, zero elsewhere.
+
+    Args:
+        places: in units of the volume's nodes; at most one outside the volume where asked.
+        asked: which pairs of bone and point to look up.
+        table: of `lookup_table`.
+    """
+    pair = asked.reshape(-1).nonzero()[:, 0]
+    cell = pair // places.shape[2]
+    share = []
+    for axis in (2, 1, 0):
+        place = places[axis].reshape(-1).index_select(0, pair)
+        size = table.shape[3 - axis]
+        low = place.detach().floor().clamp(-1, size - 3)
+        share.append(place - low)
+        cell = cell * size + (low.long() + 1)
+    step = torch.tensor([0, 1], device=cell.device)
+    height, width = table.shape[2:]
+    corner = (step[:, None, None] * height + step[:, None]) * width + step
+    # One-dimensional index_select is several times faster than indexing.
+    index = (cell + corner.reshape(8, 1)).reshape(-1)
+    values = table.reshape(-1).index_select(0, index).reshape(2, 2, 2, -1)
+    for part in share:
+        values = torch.lerp(values[0], values[1], part)
+    return values.new_zeros(asked.numel()).scatter(0, pair, values).reshape(asked.shape)
 
 
 def bone_weights(
     points: Float[Tensor, "points 3"],
     volume: SkinningVolume,
     canonical_from_body: Float[Tensor, "24 4 4"],
-) -> Float[Tensor, "points 24"]:
+    support: Float[Tensor, "24 2 3"] | None = None,
+) -> Float[Tensor, "24 points"]:
     """W_b at the place to which bone b carries each point; zero outside the canonical box.
-
-    A bone is asked only about points that it carries into the box.
 
     Args:
         points: posed body frame, metres.
         volume: skinning weights.
         canonical_from_body: the bones' motions.
+        support: ask each bone only about places in its box (canonical frame, metres); None asks
+            about the whole canonical box.
     """
-    nodes = nodes_from_canonical(carry(points, canonical_from_body), volume)
-    sizes = nodes.new_tensor(list(reversed(volume.weights.shape[1:])))
-    inside = ((nodes > -1) & (nodes < sizes)).all(-1)
-    return weights_of_pairs(nodes, inside, volume)
-
-
-def weights_of_pairs(
-    nodes: Float[Tensor, "points 24 3"], asked: Bool[Tensor, "points 24"], volume: SkinningVolume
-) -> Float[Tensor, "points 24"]:
-    """Each bone's weight at its own place of each point where asked, zero elsewhere.
-
-    Args:
-        nodes: places in units of the volume's nodes.
-        asked: which (point, bone) pairs to look up.
-        volume: skinning weights.
-    """
-    bone = asked.nonzero()[:, 1]
-    sizes = tuple(volume.weights.shape[1:])
-    index, share = corners(nodes[asked], sizes)
-    index = index + (bone * (sizes[0] * sizes[1] * sizes[2]))[:, None]
-    found = (volume.weights.reshape(-1)[index] * share).sum(-1)
-    return found.new_zeros(asked.shape).masked_scatter(asked, found)
+    places = bone_places(points, node_motions(volume, canonical_from_body))
+    sizes = places.new_tensor(list(reversed(volume.weights.shape[1:])))
+    low, high = torch.full_like(sizes, -1).expand(24, 3), sizes.expand(24, 3)
+    if support is not None:
+        inner = nodes_from_canonical(support, volume)
+        low, high = inner[:, 0].maximum(low), inner[:, 1].minimum(high)
+    return weights_at(places, inside_boxes(places, low, high), lookup_table(volume))
 
 
 def backward_warp(
     points: Float[Tensor, "points 3"],
     volume: SkinningVolume,
     canonical_from_body: Float[Tensor, "24 4 4"],
+    support: Float[Tensor, "24 2 3"] | None = None,
 ) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
     """Canonical places of posed points, and how likely each is on the person.
 
@@ -124,16 +176,17 @@ def backward_warp(
         points: posed body frame, metres.
         volume: skinning weights.
         canonical_from_body: the bones' motions M_b.
+        support: boxes outside which a bone's weight counts as 0; None for none.
 
     Returns:
         Canonical frame, metres; likelihoods in [0, 24]. Differentiable in all arguments.
 
     Source: paper, inverse skinning after HumanNeRF eq. 4; released code.
     """
-    weights = bone_weights(points, volume, canonical_from_body)
-    likelihood = weights.sum(-1)
-    share = weights / likelihood.clamp(min=LEAST_SUM)[:, None]
-    return blend(points, share, canonical_from_body), likelihood
+    weights = bone_weights(points, volume, canonical_from_body, support)
+    likelihood = weights.sum(0)
+    share = weights / likelihood.clamp(min=LEAST_SUM)
+    return blend(points, share.T, canonical_from_body), likelihood
 
 
 def forward_warp(
@@ -177,15 +230,23 @@ def blend(
         return (matrix[..., :3] @ points[..., None])[..., 0] + matrix[..., 3]
 
 
+def _nodes_per_metre(volume: SkinningVolume) -> Float[Tensor, "3"]:
+    last = volume.box.new_tensor([size - 1 for size in reversed(volume.weights.shape[1:])])
+    return last / (volume.box[1] - volume.box[0])
+
+
 __all__ = [
     "SkinningVolume",
     "backward_warp",
     "blend",
+    "bone_places",
     "bone_weights",
     "canonical_box",
-    "carry",
     "forward_warp",
+    "inside_boxes",
+    "lookup_table",
+    "node_motions",
     "nodes_from_canonical",
     "skinning_volume",
-    "weights_of_pairs",
+    "weights_at",
 ]

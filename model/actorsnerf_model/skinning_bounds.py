@@ -14,8 +14,11 @@ from torch import Tensor
 from actorsnerf_model.skinning import (
     SkinningVolume,
     backward_warp,
+    inside_boxes,
+    lookup_table,
+    node_motions,
     nodes_from_canonical,
-    weights_of_pairs,
+    weights_at,
 )
 from actorsnerf_model.states import Located
 
@@ -24,16 +27,24 @@ LEVEL = 0.01 / 24 / 10
 so that what the boxes leave out cannot hide more than a tenth of the threshold."""
 SLACK = 1e-4
 """Metres around each box, far above float32 rounding at the size of a person."""
-POINTS_AT_ONCE = 32768
-"""Points that are culled together; bounds the memory of 24 places for each."""
+SUPPORT_LEVEL = 1e-10
+"""Weight below which a bone is left out of the warp itself. 23 such weights move the likelihood by
+less than 3e-9 and a point at the threshold by less than a micrometre: float32 rounding."""
+POINTS_AT_ONCE = 8192
+"""Points that are culled or warped together; their 24 places each stay in the cache."""
 
 
 @dataclass(frozen=True)
 class SkinningBounds:
-    """Where each bone's weight reaches a level."""
+    """Where each bone's weight reaches a level; lower and upper corners, canonical frame, metres.
+
+    +inf and -inf for a bone whose weight nowhere does.
+    """
 
     boxes: Float[Tensor, "24 2 3"]
-    """Lower and upper corners, canonical frame, metres; +inf and -inf for a bone with none."""
+    """Where it reaches `level`."""
+    support: Float[Tensor, "24 2 3"]
+    """Where it reaches `SUPPORT_LEVEL`."""
     level: float
 
 
@@ -48,21 +59,7 @@ def skinning_bounds(volume: SkinningVolume, level: float = LEVEL) -> SkinningBou
         volume: skinning weights; its gradient is not asked for.
         level: weight.
     """
-    reached = volume.weights >= level
-    spacing = (volume.box[1] - volume.box[0]) / volume.box.new_tensor(
-        [size - 1 for size in reversed(volume.weights.shape[1:])]
-    )
-    lows, highs = [], []
-    for axis in (3, 2, 1):  # x, y, z
-        others = tuple(other for other in (1, 2, 3) if other != axis)
-        along = reached.any(others[1]).any(others[0])
-        node = torch.arange(along.shape[1], device=along.device).expand_as(along)
-        node = node.to(volume.box.dtype)
-        lows.append(torch.where(along, node, torch.inf).amin(1))
-        highs.append(torch.where(along, node, -torch.inf).amax(1))
-    low = volume.box[0] + (torch.stack(lows, -1) - 1) * spacing - SLACK
-    high = volume.box[0] + (torch.stack(highs, -1) + 1) * spacing + SLACK
-    return SkinningBounds(torch.stack([low, high], 1), level)
+    return SkinningBounds(_boxes(volume, level), _boxes(volume, SUPPORT_LEVEL), level)
 
 
 @torch.no_grad()
@@ -88,15 +85,15 @@ def possible(
     needed = threshold * (1 - 1e-4) - 24 * bounds.level
     if needed <= 0:
         return torch.arange(points.shape[0], device=points.device)
-    motions = canonical_from_body[:, :3].reshape(72, 4)
+    motions = node_motions(volume, canonical_from_body).reshape(72, 4)
+    table = lookup_table(volume)
+    low, high = nodes_from_canonical(bounds.boxes, volume).unbind(1)
     kept = []
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         piece = points[first : first + POINTS_AT_ONCE]
         with torch.autocast(points.device.type, enabled=False):
-            places = torch.addmm(motions[:, 3], piece, motions[:, :3].T).reshape(-1, 24, 3)
-        inside = ((places >= bounds.boxes[:, 0]) & (places <= bounds.boxes[:, 1])).all(-1)
-        nodes = nodes_from_canonical(places, volume)
-        weight = weights_of_pairs(nodes, inside, volume).sum(-1)
+            places = torch.addmm(motions[:, 3:], motions[:, :3], piece.T).reshape(3, 24, -1)
+        weight = weights_at(places, inside_boxes(places, low, high), table).sum(0)
         kept.append((weight >= needed).nonzero()[:, 0] + first)
     return torch.cat(kept) if kept else torch.arange(0, device=points.device)
 
@@ -110,8 +107,9 @@ def locate(
 ) -> Located:
     """The points whose likelihood reaches the threshold, in canonical space.
 
-    Equal to the backward warp of all points followed by the test; most points never reach it. With
-    a threshold of 0 every point is returned. Gradients reach the volume and the motions.
+    The backward warp of all points followed by the test, to rounding; most points never reach it.
+    With a threshold of 0 every point is returned, and every bone asked about it. Gradients reach
+    the volume and the motions.
 
     Args:
         points: posed body frame, metres.
@@ -121,9 +119,37 @@ def locate(
         threshold: likelihood.
     """
     index = possible(points, volume, bounds, canonical_from_body, threshold)
-    canonical, likelihood = backward_warp(points[index], volume, canonical_from_body)
-    keep = (likelihood >= threshold).nonzero()[:, 0]
-    return Located(index[keep], canonical[keep], likelihood[keep])
+    support = bounds.support if threshold > 0 else None
+    wants_gradient = torch.is_grad_enabled() and any(
+        tensor.requires_grad for tensor in (points, volume.weights, canonical_from_body)
+    )
+    # A gradient is as large as the volume, so there are no pieces where one is wanted.
+    pieces = (index,) if wants_gradient else index.split(4 * POINTS_AT_ONCE)
+    kept, canonical, likelihood = [], [], []
+    for piece in pieces:
+        place, likely = backward_warp(points[piece], volume, canonical_from_body, support)
+        keep = (likely >= threshold).nonzero()[:, 0]
+        kept.append(piece[keep])
+        canonical.append(place[keep])
+        likelihood.append(likely[keep])
+    return Located(torch.cat(kept), torch.cat(canonical), torch.cat(likelihood))
 
 
-__all__ = ["LEVEL", "SkinningBounds", "locate", "possible", "skinning_bounds"]
+def _boxes(volume: SkinningVolume, level: float) -> Float[Tensor, "24 2 3"]:
+    """Each bone's box of nodes that reach a level, one node wider, in metres."""
+    reached = volume.weights >= level
+    spacing = (volume.box[1] - volume.box[0]) / volume.box.new_tensor(
+        [size - 1 for size in reversed(volume.weights.shape[1:])]
+    )
+    lows, highs = [], []
+    for others in ((1, 2), (1, 3), (2, 3)):  # along x, y, z
+        along = reached.any(others[1]).any(others[0])
+        node = torch.arange(along.shape[1], dtype=spacing.dtype, device=along.device)
+        lows.append(torch.where(along, node, torch.inf).amin(1))
+        highs.append(torch.where(along, node, -torch.inf).amax(1))
+    low = volume.box[0] + (torch.stack(lows, -1) - 1) * spacing - SLACK
+    high = volume.box[0] + (torch.stack(highs, -1) + 1) * spacing + SLACK
+    return torch.stack([low, high], 1)
+
+
+__all__ = ["LEVEL", "SUPPORT_LEVEL", "SkinningBounds", "locate", "possible", "skinning_bounds"]

@@ -31,6 +31,8 @@ class Occupancy:
     """Lower and upper corner of the grid, metres."""
     cells: Bool[Tensor, "x y z"]
     """True where some point of the cell can have likelihood >= the threshold."""
+    threshold: float
+    """Likelihood that the cells are for; a lower one needs its own."""
 
 
 @dataclass(frozen=True)

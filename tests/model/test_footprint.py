@@ -77,7 +77,9 @@ def test_beside_the_picture_there_is_no_shadow(scene):
 
 def test_no_occupied_cell(scene):
     empty = torch.zeros_like(scene.pose.occupancy.cells)
-    pose = dataclasses.replace(scene.pose, occupancy=Occupancy(scene.pose.occupancy.box, empty))
+    pose = dataclasses.replace(
+        scene.pose, occupancy=dataclasses.replace(scene.pose.occupancy, cells=empty)
+    )
     assert not footprint(pose, scene.camera, True).any()
 
 
@@ -89,7 +91,7 @@ def test_one_cell_by_hand(scene):
         scene.pose.canonical_from_body,
         scene.pose.body_from_canonical,
         box,
-        Occupancy(box, torch.ones(1, 1, 1, dtype=torch.bool)),
+        Occupancy(box, torch.ones(1, 1, 1, dtype=torch.bool), 0.01),
     )
     K = torch.tensor([[10.0, 0, 7.25], [0, 10, 7.25], [0, 0, 1]])
     mask = footprint(pose, Camera(K, torch.eye(4), (16, 16)), True)

@@ -53,7 +53,7 @@ def test_equals_the_reference(scene, occupancy, chunk, soft_mask):
 @pytest.mark.parametrize("samples", [1, 2, 33])
 @pytest.mark.parametrize("threshold", [0.001, 0.01, 0.3])
 def test_any_number_of_samples_and_threshold(scene, samples, threshold):
-    options = dataclasses.replace(OPTIONS, samples=samples, threshold=threshold, occupancy=False)
+    options = dataclasses.replace(OPTIONS, samples=samples, threshold=threshold)
     assert_same(fast(scene, all_rays(scene), options), reference(scene, all_rays(scene), options))
 
 

@@ -5,7 +5,7 @@ import torch
 
 from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.skinning import SkinningVolume, backward_warp, bone_weights
-from actorsnerf_model.skinning_bounds import locate, possible, skinning_bounds
+from actorsnerf_model.skinning_bounds import SUPPORT_LEVEL, locate, possible, skinning_bounds
 
 
 def spread(bounds, count, generator):
@@ -36,10 +36,13 @@ def test_outside_a_box_the_weight_is_below_the_level(generator, scene64):
     bounds = skinning_bounds(volume, level=1e-3)
     points = spread(scene64.pose.bounds, 3000, generator)
     there = scene64.pose.canonical_from_body
-    weights = bone_weights(points, volume, there)
+    weights = bone_weights(points, volume, there).T
     places = torch.einsum("bij,pj->pbi", there[:, :3, :3], points) + there[:, :3, 3]
     inside = ((places >= bounds.boxes[:, 0]) & (places <= bounds.boxes[:, 1])).all(-1)
     assert weights[~inside].max() < 1e-3
+    support = ((places >= bounds.support[:, 0]) & (places <= bounds.support[:, 1])).all(-1)
+    assert weights[~support].max() < SUPPORT_LEVEL
+    assert (inside <= support).all()
     assert inside.float().mean() < 0.3  # the boxes do save something
 
 
@@ -53,8 +56,8 @@ def test_no_point_that_passes_is_lost(generator, scene, threshold):
         passes = (likelihood >= threshold).nonzero()[:, 0]
         located = locate(points, volume, bounds, there, threshold)
         assert torch.equal(located.index, passes)
-        assert torch.equal(located.canonical, canonical[passes])
-        assert torch.equal(located.likelihood, likelihood[passes])
+        assert (located.canonical - canonical[passes]).abs().max() <= 1e-6
+        assert (located.likelihood - likelihood[passes]).abs().max() <= 1e-6
 
 
 def test_little_is_kept_in_vain(generator, scene):
@@ -95,7 +98,7 @@ def test_gradients_are_those_of_the_warp(generator, scene64):
     person = likelihood >= 0.01
     loss = canonical[person].sin().sum() + likelihood[person].sum()
     expected = torch.autograd.grad(loss, scene64.method.residual)[0]
-    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+    assert (found - expected).norm() <= 1e-6 * expected.norm()
 
 
 def test_just_below_and_above_the_threshold():
