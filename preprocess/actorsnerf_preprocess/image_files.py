@@ -54,9 +54,12 @@ class ImageReader:
 
     def probe(self, camera_index: int, frame_index: int) -> MaskProbe | Absent:
         """The mask, and a digest over the bytes of the picture and its masks."""
-        contents = _contents(self.files(camera_index, frame_index))
+        paths = self.files(camera_index, frame_index)
+        contents = _contents(paths)
         if isinstance(contents, Absent):
             return contents
+        if len(paths) == 1:
+            return Absent(str(paths[0]), "no mask")
         digest = hashlib.sha256()
         for content in contents:
             digest.update(content)

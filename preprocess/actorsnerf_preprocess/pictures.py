@@ -194,13 +194,14 @@ def _encoded(window: _Resized, options: PictureOptions) -> tuple[types.UInt8, ty
     person = alpha > 0
     # Divided by the alpha that is stored, not the exact one: then colour times alpha is off by
     # half a level only, however small alpha is.
-    share = np.maximum(alpha, 1).astype(np.float32)[..., None] / np.float32(255.0)
+    share = alpha[person].astype(np.float32)[:, None] / np.float32(255.0)
     behind = np.float32(255.0 if options.published_background == "white" else 0.0)
-    on_background = window.premultiplied + behind * (share - window.coverage[..., None])
-    colour = np.where(person[..., None], on_background / share, window.straight)
+    missing = share - window.coverage[person][:, None]
+    colour = _to_byte(window.straight)
+    colour[person] = _to_byte((window.premultiplied[person] + behind * missing) / share)
     if not options.keep_background:
-        colour[~_within(person, options.rim)] = 0.0
-    return _to_byte(colour), alpha
+        colour[~_within(person, options.rim)] = 0
+    return colour, alpha
 
 
 def _intersection(a: Crop, b: Crop) -> Crop:
@@ -223,4 +224,5 @@ def _within(person: NDArray[np.bool_], rim: int) -> NDArray[np.bool_]:
 
 
 def _to_byte(values: Float32) -> types.UInt8:
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    byte: types.UInt8 = np.clip(values + np.float32(0.5), 0, 255).astype(np.uint8)
+    return byte

@@ -30,7 +30,8 @@ ELSEWHERE_SHARE = 0.2
 """If fewer of the body's vertices than this share lie inside the mask, it is not this body's."""
 
 
-UNDISTORTION_STEPS = 20
+UNDISTORTION_STEPS = 10
+"""Each more than halves the error of a lens that moves pixels by a tenth of the picture."""
 
 
 @dataclass(frozen=True)
@@ -174,11 +175,11 @@ def _outlines(mask: UInt8, lens: Lens, stored: Camera) -> list[Float64]:
     contours, _ = cv2.findContours(
         (mask > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
-    outlines = []
-    for contour in contours:
-        pixels = np.asarray(contour, np.float64).reshape(-1, 2)
-        outlines.append(_rays(pixels, lens.camera) @ stored.K[:2, :2].T + stored.K[:2, 2])
-    return outlines
+    if not contours:
+        return []
+    pixels = np.concatenate(contours).reshape(-1, 2).astype(np.float64)
+    pixels = _rays(pixels, lens.camera) @ stored.K[:2, :2].T + stored.K[:2, 2]
+    return np.split(pixels, np.cumsum([len(contour) for contour in contours])[:-1])
 
 
 def _rays(pixels: Float64, camera: SourceCamera) -> Float64:

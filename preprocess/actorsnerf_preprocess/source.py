@@ -9,7 +9,7 @@ standard SMPL convention and metres, and a `FrameReader` that reads the pictures
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +121,7 @@ class MaskProbe:
     """Hex SHA-256 over the bytes of the picture's files; empty if the source is one video."""
 
 
+@runtime_checkable
 class FrameReader(Protocol):
     """Reads pictures on demand. Picklable; opens files lazily in the process that reads.
 

@@ -1,7 +1,7 @@
-"""What the preparation's tests share: raw trees made by hand from a tiny body."""
+"""What the preparation's tests share: raw ZJU-MoCap trees made by hand from a tiny body."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -10,27 +10,33 @@ import pytest
 
 from actorsnerf_datasets.body_model import BodyModel, load_body_model, pose
 from actorsnerf_datasets.rotations import matrix_from_axis_angle
+from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.free_body import write_tiny_body
+from actorsnerf_preprocess.zju_tree import Variant
 
 UPRIGHT = np.array([-np.pi / 2, 0.0, 0.0])
 """Turns SMPL's y up into ZJU-MoCap's z down."""
+DISTORTION = np.array([-0.25, 0.1, 0.001, -0.0005, -0.02])
+OLD_AND_NEW = ("new_params", "new_vertices", "params", "vertices")
+FIT_FOLDERS = {"refined": ("smpl_params", "smpl_vertices"), "easymocap": ("params", "vertices")}
 
 
 @dataclass(frozen=True)
 class HandTree:
-    """A small ZJU-MoCap tree and the truth that it was made from."""
+    """A small tree and the truth that it was made from."""
 
     root: Path
-    body_path: Path
+    variant: Variant
+    names: tuple[str, ...]
+    size: int
     model: BodyModel
     frames: tuple[int, ...]
-    K: np.ndarray
-    D: np.ndarray
-    R: np.ndarray
-    T: np.ndarray
-    world_vertices: np.ndarray
-    """(F, V, 3) metres."""
-    names: tuple[str, ...]
+    K: Float64
+    R: Float64
+    T: Float64
+    """Metres."""
+    world_vertices: Float64
+    """(F, V, 3) metres, with pose blend shapes."""
 
 
 WriteTree = Callable[..., HandTree]
@@ -44,56 +50,76 @@ def tiny_body(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def write_zju(tiny_body: Path) -> WriteTree:
-    """Writes a classic tree: write_zju(root, frames=range(4), cameras=3, size=160)."""
+    """Writes a tree into a folder; by default 3 cameras, frames 0 to 3, 160 x 160 pixels."""
 
     def write(
         root: Path,
+        variant: Variant = "classic-23",
         frames: range = range(4),
         cameras: int = 3,
         size: int = 160,
-        seed: int = 3,
-        names: tuple[str, ...] = (),
     ) -> HandTree:
-        model = load_body_model(tiny_body)
-        rng = np.random.default_rng(seed)
-        names = names or tuple(f"Camera_B{index + 1}" for index in range(cameras))
-        rig = [_camera(index, len(names), size, rng) for index in range(len(names))]
-        K, D, R, T = (np.stack(part) for part in zip(*rig, strict=True))
-        tree = HandTree(root, tiny_body, model, tuple(frames), K, D, R, T, np.zeros(0), names)
-        vertices = []
-        ims = []
-        for number in frames:
-            world, old_world, fit = _fit(model, rng)
-            vertices.append(world)
-            stored: tuple[tuple[str, object], ...] = (
-                ("new_params", fit),
-                ("new_vertices", world.astype(np.float32)),
-                ("params", fit),
-                ("vertices", old_world.astype(np.float32)),
-            )
-            for folder, content in stored:
-                (root / folder).mkdir(parents=True, exist_ok=True)
-                np.save(root / folder / f"{number}.npy", np.asarray(content), allow_pickle=True)
-            ims.append(
-                {"ims": [_write_picture(tree, c, number, world, rng) for c in range(len(names))]}
-            )
-        cams = {
-            "K": list(K),
-            "D": [d[:, None] for d in D],
-            "R": list(R),
-            "T": [1000 * t[:, None] for t in T],
-        }
-        np.save(root / "annots.npy", np.array({"cams": cams, "ims": ims}), allow_pickle=True)
-        return HandTree(
-            root, tiny_body, model, tuple(frames), K, D, R, T, np.stack(vertices), names
+        rng = np.random.default_rng(3)
+        names = tuple(_camera_name(variant, index) for index in range(cameras))
+        K, R, T = (
+            np.stack(part)
+            for part in zip(*(_camera(i, cameras, size, rng) for i in range(cameras)), strict=True)
         )
+        model = load_body_model(tiny_body)
+        tree = HandTree(root, variant, names, size, model, tuple(frames), K, R, T, np.zeros(0))
+        vertices, ims = [], []
+        for number in frames:
+            world = _write_fit(tree, number, rng)
+            vertices.append(world)
+            ims.append(
+                {"ims": [_write_picture(tree, c, number, world, rng) for c in range(cameras)]}
+            )
+        lens = DISTORTION[:, None]
+        cams = {
+            "K": [k.tolist() for k in K] if "21" in variant else list(K),
+            "D": [lens.tolist() if "21" in variant else lens for _ in names],
+            "R": [r.tolist() for r in R] if "21" in variant else list(R),
+            "T": [
+                (1000 * t[:, None]).tolist() if "21" in variant else 1000 * t[:, None] for t in T
+            ],
+        }
+        _save(root / "annots.npy", {"cams": cams, "ims": ims})
+        return replace(tree, world_vertices=np.stack(vertices))
 
     return write
 
 
+def _save(path: Path, content: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, np.asarray(content), allow_pickle=True)
+
+
+def _camera_name(variant: Variant, index: int) -> str:
+    match variant:
+        case "classic-23":
+            return f"Camera_B{index + 1}"
+        case "classic-21" | "renamed-21":
+            return f"Camera ({index + 1})"
+        case _:
+            return f"{index:02d}"
+
+
+def _listed_name(variant: Variant, camera: str, number: int) -> str:
+    match variant:
+        case "classic-23":
+            return f"{camera}/{number:06d}.jpg"
+        case "classic-21" | "renamed-21":
+            stamp = f"2019-08-23_16-08-{number % 60:02d}.59{camera[-2]}"
+            return f"{camera}/CoreView_313_{camera.replace(' ', '_')}_{number:04d}_{stamp}.jpg"
+        case "refined":
+            return f"images/{camera}/{number:06d}.jpg"
+        case _:
+            return f"images/{camera}/{number:05d}.jpg"
+
+
 def _camera(
     index: int, count: int, size: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Float64, Float64, Float64]:
     turn = 2 * np.pi * index / count
     centre = np.array([3.0 * np.sin(turn), -3.0 * np.cos(turn), -1.8])
     forward = np.array([0.0, 0.0, -0.9]) - centre
@@ -104,13 +130,11 @@ def _camera(
     focal = 1.05 * size + rng.uniform(-2, 2)
     middle = size / 2 + rng.uniform(-3, 3, 2)
     K = np.array([[focal, 0, middle[0]], [0, focal * 1.003, middle[1]], [0, 0, 1.0]])
-    D = np.array([-0.25, 0.1, 0.001, -0.0005, -0.02])
-    return K, D, R, -R @ centre
+    return K, R, -R @ centre
 
 
-def _fit(
-    model: BodyModel, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def _write_fit(tree: HandTree, number: int, rng: np.random.Generator) -> Float64:
+    """Writes the fits of a frame; returns its vertices in the world."""
     poses = rng.normal(0, 0.15, (24, 3))
     poses[0] = 0
     betas = rng.normal(0, 0.3, 10)
@@ -119,29 +143,41 @@ def _fit(
     Rh = cv2.Rodrigues(rotation)[0].ravel()
     Th = np.array([0.0, 0.0, -0.95]) + rng.normal(0, 0.05, 3)
     world, old = (
-        pose(model, betas, poses, blend).vertices @ rotation.T + Th for blend in (True, False)
+        pose(tree.model, betas, poses, blend).vertices @ rotation.T + Th for blend in (True, False)
     )
-    fit = {"poses": poses.reshape(1, 72), "Rh": Rh[None], "Th": Th[None], "shapes": betas[None]}
-    return world, old, fit
+    listed = poses.ravel()[3:] if tree.variant == "easymocap" else poses.ravel()
+    fit = {"poses": listed[None], "Rh": Rh[None], "Th": Th[None], "shapes": betas[None]}
+    folders = FIT_FOLDERS.get(tree.variant, OLD_AND_NEW)
+    contents = (fit, world.astype(np.float32), fit, old.astype(np.float32))
+    for folder, content in zip(folders, contents, strict=False):
+        _save(tree.root / folder / f"{number}.npy", content)
+    return world
 
 
 def _write_picture(
-    tree: HandTree, camera: int, number: int, world: np.ndarray, rng: np.random.Generator
+    tree: HandTree, camera: int, number: int, world: Float64, rng: np.random.Generator
 ) -> str:
-    size = round(2 * float(tree.K[camera, 0, 2]) / 10) * 10
-    name = f"{tree.names[camera]}/{number:06d}.jpg"
+    """Writes a picture and its mask (labels 7); returns the name that annots.npy lists."""
+    listed = _listed_name(tree.variant, tree.names[camera], number)
+    name = listed
+    if tree.variant == "renamed-21":
+        name = f"{tree.names[camera]}/{number:04d}.jpg"
     pixels, _ = cv2.projectPoints(
-        world, cv2.Rodrigues(tree.R[camera])[0], tree.T[camera], tree.K[camera], tree.D[camera]
+        world, cv2.Rodrigues(tree.R[camera])[0], tree.T[camera], tree.K[camera], DISTORTION
     )
-    image = cv2.GaussianBlur(rng.integers(0, 256, (size, size, 3)).astype(np.uint8), (0, 0), 2)
-    mask = np.zeros((size, size), np.uint8)
+    shape = (tree.size, tree.size, 3)
+    image = cv2.GaussianBlur(rng.integers(0, 256, shape).astype(np.uint8), (0, 0), 2)
+    mask = np.zeros(shape[:2], np.uint8)
     for box in pixels.reshape(24, 8, 2):
         hull = cv2.convexHull(np.round(box).astype(np.int32))
         cv2.fillConvexPoly(mask, hull, 7)
         cv2.fillConvexPoly(image, hull, rng.integers(0, 256, 3).tolist())
-    for folder, content in (("", image), ("mask_cihp/", mask)):
-        path = tree.root / f"{folder}{name}"
+    inner = name.removeprefix("images/") if tree.variant == "refined" else name
+    folder = "mask" if tree.variant == "refined" else "mask_cihp"
+    for path, content in (
+        (tree.root / name, image),
+        ((tree.root / folder / inner).with_suffix(".png"), mask),
+    ):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path = path.with_suffix(".png") if folder else path
         cv2.imwrite(str(path), content)
-    return name
+    return listed
