@@ -292,8 +292,8 @@ def _view(sequence: SequenceFile, camera: int, frame: int, picture: Picture) -> 
     header = sequence.header
     pose = np.concatenate([np.zeros((1, 3)), header.fits.body_pose[frame]])
     return View(
-        image=torch.from_numpy(picture.rgb).float() / 255.0,
-        alpha=torch.from_numpy(picture.alpha).float() / 255.0,
+        image=torch.from_numpy(picture.rgb).float().div_(255.0),
+        alpha=torch.from_numpy(picture.alpha).float().div_(255.0),
         K=torch.from_numpy(sequence.crop_K(camera, frame)).float(),
         camera_from_body=torch.from_numpy(sequence.camera_from_body(camera, frame)).float(),
         pose=torch.from_numpy(pose).float(),

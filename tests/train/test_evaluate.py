@@ -12,6 +12,7 @@ from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_train import evaluate as evaluation_module
 from actorsnerf_train.evaluate import EvaluateOptions, evaluate, plan_evaluation, run_evaluate
+from actorsnerf_train.judge import Judgement, judge
 from actorsnerf_train.lpips import LpipsFiles
 from actorsnerf_train.pictures import read_png
 from actorsnerf_train.result_file import read_result
@@ -154,3 +155,30 @@ def test_a_device_that_is_not_there(options: EvaluateOptions) -> None:
 def test_no_convention_is_a_sentence(options: EvaluateOptions) -> None:
     with pytest.raises(UserError, match="No convention is left to evaluate under"):
         run_evaluate(dataclasses.replace(options, conventions=()))
+
+
+class Mean(torch.nn.Module):
+    """A distance in LPIPS's form: batches of pictures in [-1, 1]."""
+
+    def forward(self, prediction: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+        assert prediction.shape[1] == 3 and prediction.dtype == torch.float32
+        return (prediction - target).abs().mean(dim=(1, 2, 3))
+
+
+def test_lpips_is_asked_for_pictures_in_minus_one_to_one(
+    options: EvaluateOptions,
+    trained: TrainedActor[ActorsNeRFState],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def loaded(files: LpipsFiles) -> Mean:
+        return Mean()
+
+    monkeypatch.setattr(evaluation_module, "load_lpips", loaded)
+    with SequenceFile(options.data) as file:
+        found, _ = evaluate(trained, file, dataclasses.replace(options, max_frames=1))
+        place = (1, file.frame_index(found.frames[0]))
+        render = dataclasses.replace(trained.config.render, samples=8)
+        judged = judge(trained, file, place, Judgement(("paper",), render, None))
+    difference = float((judged.truth - judged.prediction).abs().mean())
+    assert found.mean("paper").lpips_x1000 == pytest.approx(2000 * difference, rel=1e-5)
+    assert found.lpips_note is None
