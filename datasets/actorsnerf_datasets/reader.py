@@ -200,6 +200,7 @@ class SequenceFile:
 
     def _file(self) -> h5py.File:
         if self._handle is None or self._process != os.getpid():
+            self._handle = None  # lets an inherited handle go, so that the file is opened anew
             self._handle = open_sequence(self.path)
             self._process = os.getpid()
         return self._handle
@@ -212,7 +213,7 @@ def open_sequence(path: Path) -> h5py.File:
         LayoutError: it is missing, no HDF5 file, another kind of file, or of a newer layout.
     """
     try:
-        file = h5py.File(path, "r", locking=False)
+        file = h5py.File(path, "r")
     except OSError as error:
         reason = "does not exist" if not path.exists() else f"cannot be opened as HDF5 ({error})"
         raise LayoutError(f"{path}: {reason}; prepared sequences end in .h5") from error
