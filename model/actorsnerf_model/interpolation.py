@@ -80,7 +80,8 @@ def _interpolate(
     if wants_gradient or coordinates.shape[0] <= ROWS_AT_ONCE:
         # In one piece: each call's backward makes a gradient as large as the table.
         return _weighted_rows(rows, coordinates, sizes)
-    pieces = [_weighted_rows(rows, piece, sizes) for piece in coordinates.split(ROWS_AT_ONCE)]
+    pieces = torch.split(coordinates, ROWS_AT_ONCE)
+    pieces = tuple(_weighted_rows(rows, piece, sizes) for piece in pieces)
     return torch.cat(pieces)
 
 

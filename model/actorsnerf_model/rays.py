@@ -137,7 +137,8 @@ def spacings(
     """
     regular = (far - near) / max(depths.shape[1] - 1, 1)
     steps = torch.cat([depths[:, 1:] - depths[:, :-1], regular[:, None]], -1)
-    return steps * rays.directions.norm(dim=-1, keepdim=True)
+    lengths: Tensor = torch.linalg.vector_norm(rays.directions, dim=-1, keepdim=True)
+    return steps * lengths
 
 
 __all__ = [

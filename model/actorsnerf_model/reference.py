@@ -82,7 +82,7 @@ def _everything(
 ) -> tuple[Located, FieldValues]:
     """Every point located and through the field, `chunk` points at a time."""
     located, values = [], []
-    for part in points.split(chunk):
+    for part in torch.split(points, chunk):
         located.append(method.locate(actor, pose, part, 0.0))
         assert located[-1].index.shape[0] == part.shape[0], "threshold 0 must keep every point"
         values.append(method.field(actor, pose, located[-1]))

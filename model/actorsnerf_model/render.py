@@ -134,7 +134,7 @@ def render_pixels(
     depth = torch.zeros_like(alpha)
     scene = _Scene(method, actor, pose, options)
     survivors = 0
-    for part in hit.split(RAYS_AT_ONCE):
+    for part in torch.split(hit, RAYS_AT_ONCE):
         some = Rays(rays.origin, rays.directions[part])
         strata = None if jitter is None else jitter[part]
         depths = sample_depths(span.near[part], span.far[part], options.samples, strata)
@@ -169,7 +169,7 @@ def _located(scene: _Scene[ActorState], samples: _Samples) -> Located:
     count = samples.depths.shape[1]
     occupancy = scene.pose.occupancy if scene.options.occupancy else None
     pieces = []
-    for part in _candidates(samples, occupancy).split(POINTS_AT_ONCE):
+    for part in torch.split(_candidates(samples, occupancy), POINTS_AT_ONCE):
         depth = samples.depths.reshape(-1)[part]
         points = samples.rays.origin + depth[:, None] * samples.rays.directions[part // count]
         located = scene.method.locate(scene.actor, scene.pose, points, scene.options.threshold)

@@ -84,7 +84,7 @@ def bone_places(
     A matrix product rounds by the number of its rows, and a point near the threshold would pass
     or fail with its company.
     """
-    x, y, z = points.T.contiguous()
+    x, y, z = points.T.contiguous().unbind(0)
     a, b, c, d = motions[..., None].unbind(2)
     return a * x + b * y + c * z + d
 

@@ -124,7 +124,7 @@ def locate(
         tensor.requires_grad for tensor in (points, volume.weights, canonical_from_body)
     )
     # A gradient is as large as the volume, so there are no pieces where one is wanted.
-    pieces = (index,) if wants_gradient else index.split(4 * POINTS_AT_ONCE)
+    pieces = (index,) if wants_gradient else torch.split(index, 4 * POINTS_AT_ONCE)
     kept, canonical, likelihood = [], [], []
     for piece in pieces:
         place, likely = backward_warp(points[piece], volume, canonical_from_body, support)

@@ -1,23 +1,28 @@
 import dataclasses
+from typing import TYPE_CHECKING
 
 import pytest
 import torch
 
 from actorsnerf_model.footprint import footprint
 from actorsnerf_model.projection import NEAR_PLANE
-from actorsnerf_model.rays import intersect_box, rays_through
+from actorsnerf_model.rays import Rays, intersect_box, rays_through
 from actorsnerf_model.states import Camera, Occupancy, PoseState
 
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
 
-def all_rays(camera):
+
+def all_rays(camera: Camera) -> Rays:
     width, height = camera.size
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     return rays_through(torch.stack([x, y], -1).reshape(-1, 2).to(camera.K.dtype), camera)
 
 
-def rays_that_meet(pose, camera):
+def rays_that_meet(pose: PoseState, camera: Camera) -> torch.Tensor:
     """Every cell against every ray, by slabs."""
     grid, rays = pose.occupancy, all_rays(camera)
+    assert grid is not None
     edges = (grid.box[1] - grid.box[0]) / torch.tensor(grid.cells.shape)
     low = grid.box[0] + grid.cells.nonzero() * edges
     first = (low - rays.origin)[:, None] / rays.directions
@@ -27,7 +32,7 @@ def rays_that_meet(pose, camera):
     return met.reshape(camera.size[1], camera.size[0])
 
 
-def moved(camera, translation):
+def moved(camera: Camera, translation: list[float]) -> Camera:
     matrix = camera.camera_from_body.clone()
     matrix[:3, 3] = torch.tensor(translation)
     return dataclasses.replace(camera, camera_from_body=matrix)
@@ -43,7 +48,9 @@ def moved(camera, translation):
         [0.0, -0.4, 40.0],  # a person of one pixel
     ],
 )
-def test_no_pixel_that_meets_a_cell_is_left_out(scene, translation):
+def test_no_pixel_that_meets_a_cell_is_left_out(
+    scene: "ToyScene", translation: list[float]
+) -> None:
     camera = moved(scene.camera, translation)
     mask = footprint(scene.pose, camera, True)
     met = rays_that_meet(scene.pose, camera)
@@ -51,14 +58,14 @@ def test_no_pixel_that_meets_a_cell_is_left_out(scene, translation):
     assert (mask | ~met).all()
 
 
-def test_few_others_are_taken(scene):
+def test_few_others_are_taken(scene: "ToyScene") -> None:
     mask = footprint(scene.pose, scene.camera, True)
     met = rays_that_meet(scene.pose, scene.camera)
     assert mask.sum() < 1.6 * met.sum()
     assert mask.sum() < 0.6 * footprint(scene.pose, scene.camera, False).sum()
 
 
-def test_without_cells_the_bounds_cast_the_shadow(scene):
+def test_without_cells_the_bounds_cast_the_shadow(scene: "ToyScene") -> None:
     bare = dataclasses.replace(scene.pose, occupancy=None)
     mask = footprint(bare, scene.camera, True)
     assert torch.equal(mask, footprint(scene.pose, scene.camera, False))
@@ -66,24 +73,24 @@ def test_without_cells_the_bounds_cast_the_shadow(scene):
     assert (mask | ~hit).all()
 
 
-def test_behind_the_camera_there_is_no_shadow(scene):
+def test_behind_the_camera_there_is_no_shadow(scene: "ToyScene") -> None:
     assert not footprint(scene.pose, moved(scene.camera, [0.0, 0.0, -9.0]), True).any()
     assert not footprint(scene.pose, moved(scene.camera, [0.0, 0.0, -9.0]), False).any()
 
 
-def test_beside_the_picture_there_is_no_shadow(scene):
+def test_beside_the_picture_there_is_no_shadow(scene: "ToyScene") -> None:
     assert not footprint(scene.pose, moved(scene.camera, [90.0, 0.0, 3.0]), True).any()
 
 
-def test_no_occupied_cell(scene):
-    empty = torch.zeros_like(scene.pose.occupancy.cells)
-    pose = dataclasses.replace(
-        scene.pose, occupancy=dataclasses.replace(scene.pose.occupancy, cells=empty)
-    )
+def test_no_occupied_cell(scene: "ToyScene") -> None:
+    full = scene.pose.occupancy
+    assert full is not None
+    empty = dataclasses.replace(full, cells=torch.zeros_like(full.cells))
+    pose = dataclasses.replace(scene.pose, occupancy=empty)
     assert not footprint(pose, scene.camera, True).any()
 
 
-def test_one_cell_by_hand(scene):
+def test_one_cell_by_hand(scene: "ToyScene") -> None:
     """A metre cube from 1 m on, f = 10: its near face spans pixels 2 to 12 of 16."""
     box = torch.tensor([[-0.5, -0.5, 1.0], [0.5, 0.5, 2.0]])
     pose = PoseState(

@@ -6,11 +6,16 @@ from torch.autograd import gradcheck
 from actorsnerf_model.interpolation import ROWS_AT_ONCE, bilinear, corners, trilinear
 
 
-def normalised(coordinates, sizes):
+def normalised(coordinates: torch.Tensor, sizes: tuple[int, ...]) -> torch.Tensor:
     return 2 * coordinates / (torch.tensor(sizes, dtype=coordinates.dtype) - 1) - 1
 
 
-def anywhere(count, sizes, generator, dtype=torch.float64):
+def anywhere(
+    count: int,
+    sizes: tuple[int, ...],
+    generator: torch.Generator,
+    dtype: torch.dtype = torch.float64,
+) -> torch.Tensor:
     """Inside, at nodes, on the border, and up to several nodes outside."""
     span = torch.tensor(sizes, dtype=dtype) + 5
     free = torch.rand(count, len(sizes), generator=generator, dtype=dtype) * span - 3
@@ -18,7 +23,7 @@ def anywhere(count, sizes, generator, dtype=torch.float64):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_bilinear_is_grid_sample(generator, dtype):
+def test_bilinear_is_grid_sample(generator: torch.Generator, dtype: torch.dtype) -> None:
     table = torch.randn(5, 7, 4, generator=generator, dtype=dtype)
     xy = anywhere(300, (7, 5), generator, dtype)
     grid = normalised(xy, (7, 5))[None, None]
@@ -28,7 +33,7 @@ def test_bilinear_is_grid_sample(generator, dtype):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_trilinear_is_grid_sample(generator, dtype):
+def test_trilinear_is_grid_sample(generator: torch.Generator, dtype: torch.dtype) -> None:
     volume = torch.randn(4, 5, 6, 3, generator=generator, dtype=dtype)
     xyz = anywhere(300, (6, 5, 4), generator, dtype)
     grid = normalised(xyz, (6, 5, 4))[None, None, None]
@@ -39,20 +44,20 @@ def test_trilinear_is_grid_sample(generator, dtype):
     )
 
 
-def test_a_linear_field_is_read_exactly():
+def test_a_linear_field_is_read_exactly() -> None:
     z, y, x = torch.meshgrid(torch.arange(3.0), torch.arange(4.0), torch.arange(5.0), indexing="ij")
     volume = torch.stack([x + 10 * y + 100 * z], -1)
     found = trilinear(volume, torch.tensor([[1.25, 2.5, 0.5]]))
     torch.testing.assert_close(found, torch.tensor([[1.25 + 25 + 50]]))
 
 
-def test_one_node_wide_grids_fade_to_zero_around_the_node():
+def test_one_node_wide_grids_fade_to_zero_around_the_node() -> None:
     table = torch.full((1, 1, 1), 8.0)
     xy = torch.tensor([[0.0, 0.0], [0.5, 0.0], [-0.25, 0.5], [1.0, 0.0]])
     assert bilinear(table, xy)[:, 0].tolist() == [8.0, 4.0, 3.0, 0.0]
 
 
-def test_gradients(generator):
+def test_gradients(generator: torch.Generator) -> None:
     volume = torch.randn(3, 4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
     xyz = anywhere(20, (5, 4, 3), generator)[:20] + 1e-3
     assert gradcheck(trilinear, (volume, xyz.requires_grad_()))
@@ -61,7 +66,7 @@ def test_gradients(generator):
     assert gradcheck(bilinear, (table, xy.requires_grad_()))
 
 
-def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator):
+def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator: torch.Generator) -> None:
     table = torch.randn(6, 6, 2, generator=generator)
     xy = anywhere(ROWS_AT_ONCE, (6, 6), generator, torch.float32)
     without = bilinear(table, xy)  # in pieces
@@ -70,17 +75,17 @@ def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator):
 
 
 @pytest.mark.parametrize("wants_gradient", [True, False])
-def test_no_points(wants_gradient):
+def test_no_points(wants_gradient: bool) -> None:
     table = torch.ones(2, 2, 3, requires_grad=wants_gradient)
     assert bilinear(table, torch.zeros(0, 2)).shape == (0, 3)
 
 
-def test_far_and_infinite_coordinates_read_zero():
+def test_far_and_infinite_coordinates_read_zero() -> None:
     xy = torch.tensor([[1e30, 0.0], [-torch.inf, 0.0], [torch.inf, torch.inf], [0.0, -1e9]])
     assert bilinear(torch.ones(3, 3, 1), xy).abs().max() == 0
 
 
-def test_corners_outside_have_no_weight():
+def test_corners_outside_have_no_weight() -> None:
     index, weight = corners(torch.tensor([[-0.25, 0.0]]), (2, 3))
     inside = weight[0] > 0
     assert index[0][inside].tolist() == [0]

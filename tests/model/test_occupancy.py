@@ -1,3 +1,5 @@
+from typing import TYPE_CHECKING
+
 import pytest
 import torch
 
@@ -6,21 +8,27 @@ from actorsnerf_model.occupancy import occupancy_tables, pose_occupancy
 from actorsnerf_model.skinning import SkinningVolume, backward_warp, skinning_volume
 from actorsnerf_model.skinning_bounds import skinning_bounds
 from actorsnerf_model.skinning_prior import log_prior
+from actorsnerf_model.states import Occupancy
+
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
 
 
-def spread(bounds, count, generator):
+def spread(bounds: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
     share = torch.rand(count, 3, generator=generator, dtype=torch.float64).to(bounds.dtype)
     return bounds[0] + (bounds[1] - bounds[0]) * share
 
 
-def in_true_cells(points, occupancy):
+def in_true_cells(points: torch.Tensor, occupancy: Occupancy) -> torch.Tensor:
     sizes = torch.tensor(occupancy.cells.shape)
     place = (points - occupancy.box[0]) / (occupancy.box[1] - occupancy.box[0]) * sizes
     cell = place.floor().long().minimum(sizes - 1).clamp(min=0)
     return occupancy.cells[tuple(cell.unbind(-1))]
 
 
-def posed(generator, joints, size=0.7):
+def posed(
+    generator: torch.Generator, joints: torch.Tensor, size: float = 0.7
+) -> tuple[torch.Tensor, torch.Tensor]:
     pose = (size * torch.randn(24, 3, generator=generator)).to(joints.dtype)
     pose[0] = 0
     there, _ = bone_motions(pose, joints, joints)
@@ -28,7 +36,9 @@ def posed(generator, joints, size=0.7):
 
 
 @pytest.mark.parametrize("cell", [0.025, 0.04, 0.11])
-def test_no_possible_point_lies_in_an_empty_cell(generator, scene, cell):
+def test_no_possible_point_lies_in_an_empty_cell(
+    generator: torch.Generator, scene: "ToyScene", cell: float
+) -> None:
     volume, bounds = scene.actor.volume, scene.actor.bounds
     tables = occupancy_tables(volume, bounds, cell)
     for _ in range(3):
@@ -39,7 +49,9 @@ def test_no_possible_point_lies_in_an_empty_cell(generator, scene, cell):
         assert in_true_cells(points[likelihood >= 0.01], occupancy).all()
 
 
-def test_most_of_the_box_is_empty(generator, scene, rest_joints):
+def test_most_of_the_box_is_empty(
+    generator: torch.Generator, scene: "ToyScene", rest_joints: torch.Tensor
+) -> None:
     joints = rest_joints.float()
     box = scene.actor.volume.box
     prior = log_prior(joints, box, (32, 32, 32))
@@ -52,7 +64,7 @@ def test_most_of_the_box_is_empty(generator, scene, rest_joints):
     assert share < occupancy.cells.float().mean() < 2.5 * share
 
 
-def test_sharp_weights_on_unlike_axes(generator, scene):
+def test_sharp_weights_on_unlike_axes(generator: torch.Generator, scene: "ToyScene") -> None:
     """Random single nodes: nothing smooth to hide behind."""
     weights = torch.zeros(24, 6, 9, 5)
     for bone in range(24):
@@ -68,7 +80,7 @@ def test_sharp_weights_on_unlike_axes(generator, scene):
     assert in_true_cells(points[likelihood >= 0.01], occupancy).all()
 
 
-def test_the_grid_covers_the_bounds(generator, scene):
+def test_the_grid_covers_the_bounds(generator: torch.Generator, scene: "ToyScene") -> None:
     there, box = posed(generator, scene.actor.canonical_joints)
     occupancy = pose_occupancy(scene.actor.tables, there, box, 0.01)
     assert torch.equal(occupancy.box[0], box[0])
@@ -76,19 +88,21 @@ def test_the_grid_covers_the_bounds(generator, scene):
     assert (occupancy.box[1] - box[1] < scene.actor.tables.cell + 1e-6).all()
 
 
-def test_an_empty_volume_occupies_nothing(generator, scene):
+def test_an_empty_volume_occupies_nothing(generator: torch.Generator, scene: "ToyScene") -> None:
     volume = SkinningVolume(torch.zeros(24, 4, 4, 4), scene.actor.volume.box)
     tables = occupancy_tables(volume, skinning_bounds(volume))
     there, box = posed(generator, scene.actor.canonical_joints)
     assert not pose_occupancy(tables, there, box, 0.01).cells.any()
 
 
-def test_no_threshold_occupies_everything(generator, scene):
+def test_no_threshold_occupies_everything(generator: torch.Generator, scene: "ToyScene") -> None:
     there, box = posed(generator, scene.actor.canonical_joints)
     assert pose_occupancy(scene.actor.tables, there, box, 0.0).cells.all()
 
 
-def test_a_level_too_coarse_for_the_threshold_stays_conservative(generator, scene):
+def test_a_level_too_coarse_for_the_threshold_stays_conservative(
+    generator: torch.Generator, scene: "ToyScene"
+) -> None:
     bounds = skinning_bounds(scene.actor.volume, level=1e-3)
     tables = occupancy_tables(scene.actor.volume, bounds, 0.05)
     there, box = posed(generator, scene.actor.canonical_joints)

@@ -1,8 +1,9 @@
 import dataclasses
+from typing import TYPE_CHECKING
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from actorsnerf_model.projection import NEAR_PLANE, project
@@ -15,16 +16,19 @@ from actorsnerf_model.rays import (
     spacings,
 )
 
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
+
 BOX = torch.tensor([[-1.0, -2.0, -0.5], [1.0, 2.0, 0.5]], dtype=torch.float64)
 
 
-def rays(origin, *directions):
+def rays(origin: list[float], *directions: list[float]) -> Rays:
     return Rays(
         torch.tensor(origin, dtype=torch.float64), torch.tensor(directions, dtype=torch.float64)
     )
 
 
-def test_a_ray_returns_to_its_pixel(scene64):
+def test_a_ray_returns_to_its_pixel(scene64: "ToyScene") -> None:
     pixels = torch.tensor([[0.0, 0.0], [31.0, 39.0], [3.25, 17.5]], dtype=torch.float64)
     cast = rays_through(pixels, scene64.camera)
     points = cast.origin + 2.5 * cast.directions
@@ -33,14 +37,14 @@ def test_a_ray_returns_to_its_pixel(scene64):
     torch.testing.assert_close(seen.depth, torch.full((3,), 2.5, dtype=torch.float64))
 
 
-def test_the_principal_point_looks_along_the_axis(scene64):
+def test_the_principal_point_looks_along_the_axis(scene64: "ToyScene") -> None:
     K = scene64.camera.K.clone()
     camera = dataclasses.replace(scene64.camera, K=K)
     cast = rays_through(K[:2, 2][None], camera)
     torch.testing.assert_close(cast.directions[0], camera.camera_from_body[2, :3])
 
 
-def test_through_the_middle_of_a_face():
+def test_through_the_middle_of_a_face() -> None:
     span = intersect_box(rays([0, 0, -3], [0, 0, 1]), BOX)
     assert (span.near.item(), span.far.item(), span.hit.item()) == (2.5, 3.5, True)
 
@@ -55,7 +59,9 @@ def test_through_the_middle_of_a_face():
         ([0, 0, 0.5], [0, 0, -1], NEAR_PLANE, 1.0),  # camera on a face
     ],
 )
-def test_hard_rays_meet_the_box(origin, direction, near, far):
+def test_hard_rays_meet_the_box(
+    origin: list[float], direction: list[float], near: float, far: float
+) -> None:
     span = intersect_box(rays(origin, direction), BOX)
     assert span.hit.item()
     assert span.near.item() == pytest.approx(near, abs=1e-12)
@@ -74,13 +80,13 @@ def test_hard_rays_meet_the_box(origin, direction, near, far):
         ([0, 0, -3], [0, 0, 0]),  # no direction
     ],
 )
-def test_hard_rays_miss_the_box(origin, direction):
+def test_hard_rays_miss_the_box(origin: list[float], direction: list[float]) -> None:
     span = intersect_box(rays(origin, direction), BOX)
     assert not span.hit.item()
     assert (span.near.item(), span.far.item()) == (0, 0)
 
 
-def test_tiny_and_negative_components_change_little():
+def test_tiny_and_negative_components_change_little() -> None:
     exact = intersect_box(rays([1, 0, -3], [0, 0, 1]), BOX)
     for tiny in (1e-300, -1e-300, -1e-12, 5e-324):
         span = intersect_box(rays([1, 0, -3], [tiny, 0, 1]), BOX)
@@ -91,21 +97,21 @@ def test_tiny_and_negative_components_change_little():
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.floats(-4, 4), min_size=6, max_size=6))
-def test_the_span_is_where_the_ray_is_inside(numbers):
+@example([-1.0, 0.0, 0.0, -9e-299, 0.0, 0.0])  # leaves a face too slowly for float64
+def test_the_span_is_where_the_ray_is_inside(numbers: list[float]) -> None:
     cast = rays(numbers[:3], numbers[3:])
     span = intersect_box(cast, BOX)
     depth = torch.linspace(NEAR_PLANE, 40, 4001, dtype=torch.float64)
     points = cast.origin + depth[:, None] * cast.directions
-    inside = ((points >= BOX[0]) & (points <= BOX[1])).all(-1)
-    if span.hit:
-        within = (depth >= span.near) & (depth <= span.far)
-        close = ((depth - span.near).abs() < 1e-9) | ((depth - span.far).abs() < 1e-9)
-        assert (inside == within)[~close].all()
-    elif cast.directions.abs().max() > 0:
-        assert inside.sum() <= 1
+    well_inside = ((points > BOX[0] + 1e-9) & (points < BOX[1] - 1e-9)).all(-1)
+    nearly_inside = ((points >= BOX[0] - 1e-9) & (points <= BOX[1] + 1e-9)).all(-1)
+    within = (depth >= span.near) & (depth <= span.far) & span.hit
+    if cast.directions.abs().max() > 0:
+        assert (within | ~well_inside).all()
+    assert (nearly_inside | ~within).all()
 
 
-def test_samples_by_hand():
+def test_samples_by_hand() -> None:
     near, far = torch.tensor([1.0]), torch.tensor([3.0])
     assert sample_depths(near, far, 5, None).tolist() == [[1.0, 1.5, 2.0, 2.5, 3.0]]
     assert sample_depths(near, far, 1, None).tolist() == [[2.0]]
@@ -113,7 +119,7 @@ def test_samples_by_hand():
     assert sample_depths(near, far, 3, half).tolist() == [[1.25, 2.0, 2.75]]
 
 
-def test_jittered_samples_ascend_inside_their_strata(generator):
+def test_jittered_samples_ascend_inside_their_strata(generator: torch.Generator) -> None:
     near, far = torch.tensor([1.0, 2.0]), torch.tensor([3.0, 2.5])
     cast = rays([0, 0, 0], [0, 0, 1], [0, 0, 1])
     jitter = draw_jitter(cast, 16, generator)
@@ -124,7 +130,7 @@ def test_jittered_samples_ascend_inside_their_strata(generator):
     assert draw_jitter(cast, 16, None) is None
 
 
-def test_spacing_is_a_distance_and_the_last_is_regular():
+def test_spacing_is_a_distance_and_the_last_is_regular() -> None:
     cast = rays([0, 0, 0], [0, 3, 1])
     near, far = torch.tensor([1.0]).double(), torch.tensor([2.0]).double()
     depths = sample_depths(near, far, 5, None)
@@ -135,7 +141,7 @@ def test_spacing_is_a_distance_and_the_last_is_regular():
     torch.testing.assert_close(alone, torch.full((1, 1), 10**0.5, dtype=torch.float64))
 
 
-def test_no_rays():
+def test_no_rays() -> None:
     none = Rays(torch.zeros(3), torch.zeros(0, 3))
     span = intersect_box(none, BOX.float())
     assert span.hit.shape == (0,)

@@ -1,27 +1,31 @@
 import dataclasses
+from typing import TYPE_CHECKING
 
 import torch
 
-from actorsnerf_model.rays import intersect_box, rays_through, sample_depths
+from actorsnerf_model.rays import Rays, intersect_box, rays_through, sample_depths
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.skinning import backward_warp
 from actorsnerf_model.states import RenderOptions
 
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
+
 OPTIONS = RenderOptions(samples=12, background=(0.25, 0.5, 1.0))
 
 
-def middle_rays(scene):
+def middle_rays(scene: "ToyScene") -> Rays:
     pixels = torch.tensor([[15.0, 12.0], [16.0, 20.0], [0.0, 0.0], [18.0, 27.0]])
     return rays_through(pixels.to(scene.camera.K.dtype), scene.camera)
 
 
-def test_one_ray_by_hand(scene64):
+def test_one_ray_by_hand(scene64: "ToyScene") -> None:
     rays = middle_rays(scene64)
     found = reference_render_pixels(scene64.method, scene64.actor, scene64.pose, rays, OPTIONS)
     ray = 1
     span = intersect_box(rays, scene64.pose.bounds)
     depths = sample_depths(span.near, span.far, 12, None)[ray]
-    light, colour = 1.0, torch.zeros(3, dtype=torch.float64)
+    light, colour = torch.ones((), dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
     step = (depths[1] - depths[0]) * rays.directions[ray].norm()
     for depth in depths:
         point = rays.origin + depth * rays.directions[ray]
@@ -40,7 +44,7 @@ def test_one_ray_by_hand(scene64):
     torch.testing.assert_close(found.rgb[ray], colour, rtol=1e-10, atol=1e-12)
 
 
-def test_every_sample_goes_through_the_field(scene):
+def test_every_sample_goes_through_the_field(scene: "ToyScene") -> None:
     before = scene.method.asked
     found = reference_render_pixels(
         scene.method, scene.actor, scene.pose, middle_rays(scene), OPTIONS
@@ -48,7 +52,7 @@ def test_every_sample_goes_through_the_field(scene):
     assert scene.method.asked - before == 4 * 12 == found.counts.survivors
 
 
-def test_a_missed_box_is_background(scene):
+def test_a_missed_box_is_background(scene: "ToyScene") -> None:
     found = reference_render_pixels(
         scene.method, scene.actor, scene.pose, middle_rays(scene), OPTIONS
     )
@@ -57,7 +61,7 @@ def test_a_missed_box_is_background(scene):
     assert found.counts.rays == 3
 
 
-def test_the_chunk_changes_nothing(scene):
+def test_the_chunk_changes_nothing(scene: "ToyScene") -> None:
     rays = middle_rays(scene)
     args = (scene.method, scene.actor, scene.pose, rays)
     whole = reference_render_pixels(*args, OPTIONS)

@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TYPE_CHECKING
 
 import pytest
 import torch
@@ -6,31 +7,44 @@ import torch
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.render import render, render_pixels
-from actorsnerf_model.states import RenderOptions
+from actorsnerf_model.states import Rendering, RenderOptions
+
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
 
 OPTIONS = RenderOptions(samples=48, background=(0.2, 0.5, 0.9))
 
 
-def all_rays(scene) -> Rays:
+def all_rays(scene: "ToyScene") -> Rays:
     width, height = scene.camera.size
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     pixels = torch.stack([x, y], -1).reshape(-1, 2).to(scene.camera.K.dtype)
     return rays_through(pixels, scene.camera)
 
 
-def reference(scene, rays, options=OPTIONS, generator=None):
+def reference(
+    scene: "ToyScene",
+    rays: Rays,
+    options: RenderOptions = OPTIONS,
+    generator: torch.Generator | None = None,
+) -> Rendering:
     with torch.no_grad():
         return reference_render_pixels(
             scene.method, scene.actor, scene.pose, rays, options, generator
         )
 
 
-def fast(scene, rays, options=OPTIONS, generator=None):
+def fast(
+    scene: "ToyScene",
+    rays: Rays,
+    options: RenderOptions = OPTIONS,
+    generator: torch.Generator | None = None,
+) -> Rendering:
     with torch.no_grad():
         return render_pixels(scene.method, scene.actor, scene.pose, rays, options, generator)
 
 
-def assert_same(found, expected, tolerance=1e-5):
+def assert_same(found: Rendering, expected: Rendering, tolerance: float = 1e-5) -> None:
     assert (found.rgb - expected.rgb).abs().max() <= tolerance
     assert (found.alpha - expected.alpha).abs().max() <= tolerance
     assert (found.depth - expected.depth).abs().max() <= 10 * tolerance
@@ -39,7 +53,9 @@ def assert_same(found, expected, tolerance=1e-5):
 @pytest.mark.parametrize("occupancy", [True, False])
 @pytest.mark.parametrize("chunk", [100_000, 37])
 @pytest.mark.parametrize("soft_mask", [True, False])
-def test_equals_the_reference(scene, occupancy, chunk, soft_mask):
+def test_equals_the_reference(
+    scene: "ToyScene", occupancy: bool, chunk: int, soft_mask: bool
+) -> None:
     options = dataclasses.replace(OPTIONS, soft_mask=soft_mask)
     expected = reference(scene, all_rays(scene), dataclasses.replace(options, chunk=16384))
     assert 0.05 < expected.alpha.mean() < 0.9  # a picture worth comparing
@@ -52,12 +68,14 @@ def test_equals_the_reference(scene, occupancy, chunk, soft_mask):
 
 @pytest.mark.parametrize("samples", [1, 2, 33])
 @pytest.mark.parametrize("threshold", [0.001, 0.01, 0.3])
-def test_any_number_of_samples_and_threshold(scene, samples, threshold):
+def test_any_number_of_samples_and_threshold(
+    scene: "ToyScene", samples: int, threshold: float
+) -> None:
     options = dataclasses.replace(OPTIONS, samples=samples, threshold=threshold)
     assert_same(fast(scene, all_rays(scene), options), reference(scene, all_rays(scene), options))
 
 
-def test_jitter_falls_on_the_same_samples(scene):
+def test_jitter_falls_on_the_same_samples(scene: "ToyScene") -> None:
     rays = all_rays(scene)
     expected = reference(scene, rays, generator=torch.Generator().manual_seed(3))
     found = fast(scene, rays, generator=torch.Generator().manual_seed(3))
@@ -66,7 +84,7 @@ def test_jitter_falls_on_the_same_samples(scene):
     assert (other.rgb - found.rgb).abs().max() > 1e-3
 
 
-def test_only_survivors_reach_the_field(scene):
+def test_only_survivors_reach_the_field(scene: "ToyScene") -> None:
     before = scene.method.asked
     found = fast(scene, all_rays(scene))
     assert scene.method.asked - before == found.counts.survivors
@@ -74,7 +92,7 @@ def test_only_survivors_reach_the_field(scene):
     assert found.counts.samples == found.counts.rays * OPTIONS.samples
 
 
-def test_the_picture_is_its_pixels(scene):
+def test_the_picture_is_its_pixels(scene: "ToyScene") -> None:
     with torch.no_grad():
         picture = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
     width, height = scene.camera.size
@@ -87,7 +105,7 @@ def test_the_picture_is_its_pixels(scene):
     assert picture.counts.survivors == pixels.counts.survivors
 
 
-def test_the_picture_without_cells(scene):
+def test_the_picture_without_cells(scene: "ToyScene") -> None:
     bare = dataclasses.replace(scene.pose, occupancy=None)
     with torch.no_grad():
         expected = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
@@ -95,7 +113,7 @@ def test_the_picture_without_cells(scene):
     assert (found.rgb - expected.rgb).abs().max() < 1e-6
 
 
-def test_the_cost_does_not_grow_with_the_picture(scene):
+def test_the_cost_does_not_grow_with_the_picture(scene: "ToyScene") -> None:
     """The same person in a picture four times as large, same focal length."""
     K = scene.camera.K.clone()
     K[0, 2], K[1, 2] = 31.5, 39.5
@@ -109,7 +127,9 @@ def test_the_cost_does_not_grow_with_the_picture(scene):
 
 @pytest.mark.parametrize("soft_mask", [True, False])
 @pytest.mark.parametrize("light", [0.5, 0.05, 1e-3])
-def test_stopping_early_costs_at_most_the_light_left(scene, light, soft_mask):
+def test_stopping_early_costs_at_most_the_light_left(
+    scene: "ToyScene", light: float, soft_mask: bool
+) -> None:
     options = dataclasses.replace(OPTIONS, samples=200, soft_mask=soft_mask)
     scene.method.density.data.mul_(10)
     exact = fast(scene, all_rays(scene), options)
@@ -119,7 +139,7 @@ def test_stopping_early_costs_at_most_the_light_left(scene, light, soft_mask):
     assert stopped.counts.survivors < exact.counts.survivors
 
 
-def test_rays_that_miss_and_no_rays_at_all(scene):
+def test_rays_that_miss_and_no_rays_at_all(scene: "ToyScene") -> None:
     away = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
     none = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.zeros(0, 3))
     for stop in (0.0, 0.1):
@@ -130,7 +150,7 @@ def test_rays_that_miss_and_no_rays_at_all(scene):
         assert fast(scene, none, options).rgb.shape == (0, 3)
 
 
-def test_rays_inside_the_bounds_without_survivors(scene):
+def test_rays_inside_the_bounds_without_survivors(scene: "ToyScene") -> None:
     for stop in (0.0, 0.1):
         options = dataclasses.replace(OPTIONS, threshold=30.0, stop_transmittance=stop)
         found = fast(scene, all_rays(scene), options)
@@ -138,7 +158,7 @@ def test_rays_inside_the_bounds_without_survivors(scene):
         assert found.alpha.abs().max() == 0
 
 
-def test_a_person_behind_the_camera(scene):
+def test_a_person_behind_the_camera(scene: "ToyScene") -> None:
     behind = scene.camera.camera_from_body.clone()
     behind[:3, 3] = torch.tensor([0.0, 0.0, -5.0])
     camera = dataclasses.replace(scene.camera, camera_from_body=behind)
@@ -147,7 +167,7 @@ def test_a_person_behind_the_camera(scene):
     assert found.alpha.abs().max() == 0 and found.counts.rays == 0
 
 
-def test_a_camera_inside_the_person(scene):
+def test_a_camera_inside_the_person(scene: "ToyScene") -> None:
     inside = scene.camera.camera_from_body.clone()
     inside[:3, 3] = torch.tensor([0.0, -0.1, 0.0])
     camera = dataclasses.replace(scene.camera, camera_from_body=inside)
@@ -160,7 +180,7 @@ def test_a_camera_inside_the_person(scene):
 
 
 @pytest.mark.parametrize("density", [0.0, 1e6])
-def test_no_density_and_far_too_much(scene, density):
+def test_no_density_and_far_too_much(scene: "ToyScene", density: float) -> None:
     scene.method.density.data.fill_(density)
     expected = reference(scene, all_rays(scene))
     assert torch.isfinite(expected.rgb).all()
@@ -169,7 +189,9 @@ def test_no_density_and_far_too_much(scene, density):
 
 @pytest.mark.parametrize("soft_mask", [True, False])
 @pytest.mark.parametrize("stop", [0.0, 1e-9])
-def test_training_gradients_are_the_references(scene64, soft_mask, stop):
+def test_training_gradients_are_the_references(
+    scene64: "ToyScene", soft_mask: bool, stop: float
+) -> None:
     """Culling is hidden from the gradient: same numbers for every parameter, float64."""
     width, height = scene64.camera.size
     x, y = torch.meshgrid(torch.arange(4, width, 5), torch.arange(2, height, 5), indexing="xy")
@@ -188,7 +210,7 @@ def test_training_gradients_are_the_references(scene64, soft_mask, stop):
         assert (found - expected).norm() <= 1e-5 * expected.norm()
 
 
-def test_half_precision_networks_do_not_spoil_the_geometry(scene):
+def test_half_precision_networks_do_not_spoil_the_geometry(scene: "ToyScene") -> None:
     exact = fast(scene, all_rays(scene))
     with torch.autocast("cpu", dtype=torch.bfloat16):
         rays = all_rays(scene)

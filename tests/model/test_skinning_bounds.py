@@ -1,4 +1,5 @@
 import dataclasses
+from typing import TYPE_CHECKING
 
 import pytest
 import torch
@@ -7,19 +8,22 @@ from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.skinning import SkinningVolume, backward_warp, bone_weights
 from actorsnerf_model.skinning_bounds import SUPPORT_LEVEL, locate, possible, skinning_bounds
 
+if TYPE_CHECKING:
+    from tests.model.conftest import ToyScene
 
-def spread(bounds, count, generator):
+
+def spread(bounds: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
     share = torch.rand(count, 3, generator=generator, dtype=torch.float64).to(bounds.dtype)
     return bounds[0] + (bounds[1] - bounds[0]) * share
 
 
-def random_motions(generator, joints):
+def random_motions(generator: torch.Generator, joints: torch.Tensor) -> torch.Tensor:
     pose = torch.randn(24, 3, generator=generator).to(joints.dtype)
     pose[0] = 0
     return bone_motions(pose, joints, joints)[0]
 
 
-def test_a_single_node_by_hand():
+def test_a_single_node_by_hand() -> None:
     weights = torch.zeros(24, 5, 5, 5)
     weights[3, 2, 1, 4] = 0.5  # z, y, x
     volume = SkinningVolume(weights, torch.tensor([[0.0, 0, 0], [4, 8, 12]]))
@@ -31,7 +35,9 @@ def test_a_single_node_by_hand():
     assert (bounds.boxes[[0, 23], 1] == -torch.inf).all()
 
 
-def test_outside_a_box_the_weight_is_below_the_level(generator, scene64):
+def test_outside_a_box_the_weight_is_below_the_level(
+    generator: torch.Generator, scene64: "ToyScene"
+) -> None:
     volume = scene64.actor.volume
     bounds = skinning_bounds(volume, level=1e-3)
     points = spread(scene64.pose.bounds, 3000, generator)
@@ -47,7 +53,9 @@ def test_outside_a_box_the_weight_is_below_the_level(generator, scene64):
 
 
 @pytest.mark.parametrize("threshold", [0.01, 0.05, 0.5, 0.002])
-def test_no_point_that_passes_is_lost(generator, scene, threshold):
+def test_no_point_that_passes_is_lost(
+    generator: torch.Generator, scene: "ToyScene", threshold: float
+) -> None:
     volume, bounds = scene.actor.volume, scene.actor.bounds
     for _ in range(4):
         there = random_motions(generator, scene.actor.canonical_joints)
@@ -60,7 +68,7 @@ def test_no_point_that_passes_is_lost(generator, scene, threshold):
         assert (located.likelihood - likelihood[passes]).abs().max() <= 1e-6
 
 
-def test_little_is_kept_in_vain(generator, scene):
+def test_little_is_kept_in_vain(generator: torch.Generator, scene: "ToyScene") -> None:
     points = spread(scene.pose.bounds, 20_000, generator)
     there = scene.pose.canonical_from_body
     kept = possible(points, scene.actor.volume, scene.actor.bounds, there, 0.01)
@@ -69,14 +77,16 @@ def test_little_is_kept_in_vain(generator, scene):
 
 
 @pytest.mark.parametrize("threshold", [0.0, -1.0])
-def test_no_threshold_keeps_every_point(generator, scene, threshold):
+def test_no_threshold_keeps_every_point(
+    generator: torch.Generator, scene: "ToyScene", threshold: float
+) -> None:
     points = spread(scene.pose.bounds, 500, generator)
     there = scene.pose.canonical_from_body
     located = locate(points, scene.actor.volume, scene.actor.bounds, there, threshold)
     assert torch.equal(located.index, torch.arange(500))
 
 
-def test_no_points_and_an_empty_volume(generator, scene):
+def test_no_points_and_an_empty_volume(generator: torch.Generator, scene: "ToyScene") -> None:
     there, volume = scene.pose.canonical_from_body, scene.actor.volume
     assert locate(torch.zeros(0, 3), volume, scene.actor.bounds, there, 0.01).index.shape == (0,)
     empty = dataclasses.replace(volume, weights=torch.zeros_like(volume.weights))
@@ -85,7 +95,7 @@ def test_no_points_and_an_empty_volume(generator, scene):
     assert located.canonical.shape == (0, 3)
 
 
-def test_gradients_are_those_of_the_warp(generator, scene64):
+def test_gradients_are_those_of_the_warp(generator: torch.Generator, scene64: "ToyScene") -> None:
     points = spread(scene64.pose.bounds, 3000, generator)
     there = scene64.pose.canonical_from_body
     actor = scene64.method.actor_state((), 0.0)
@@ -101,7 +111,7 @@ def test_gradients_are_those_of_the_warp(generator, scene64):
     assert (found - expected).norm() <= 1e-6 * expected.norm()
 
 
-def test_just_below_and_above_the_threshold():
+def test_just_below_and_above_the_threshold() -> None:
     weights = torch.zeros(24, 2, 2, 2)
     weights[0], weights[1] = 0.006, 0.004 - 1e-6
     box = torch.tensor([[-1.0, -1, -1], [1, 1, 1]])

@@ -9,13 +9,13 @@ from actorsnerf_model.skinning_prior import PRIOR_FLOOR, bone_prior, grid_nodes,
 SIZES = (32, 32, 32)
 
 
-def test_shares_sum_to_one(rest_joints):
+def test_shares_sum_to_one(rest_joints: torch.Tensor) -> None:
     prior = bone_prior(rest_joints, canonical_box(rest_joints), SIZES)
     torch.testing.assert_close(prior.sum(0), torch.ones(SIZES, dtype=torch.float64))
     assert (prior >= 0).all()
 
 
-def test_a_bone_by_hand(rest_joints):
+def test_a_bone_by_hand(rest_joints: torch.Tensor) -> None:
     """Two nodes, at the middle of the left forearm and 6 cm along it, 5 cm beside it."""
     elbow, wrist = rest_joints[18], rest_joints[20]
     along = (wrist - elbow) / (wrist - elbow).norm()
@@ -32,13 +32,15 @@ def test_a_bone_by_hand(rest_joints):
     "direction",
     [[0, -1, 0], [0, 1, 0], [1e-9, -1, 0], [1, 0, 0], [-1e-200, -1, 1e-200], [0.6, 0.0, -0.8]],
 )
-def test_any_direction_of_a_bone_is_as_good_as_another(rest_joints, direction):
+def test_any_direction_of_a_bone_is_as_good_as_another(
+    rest_joints: torch.Tensor, direction: list[float]
+) -> None:
     """A shin far from everything: all at its middle, the formula 5 cm beside it."""
-    direction = torch.tensor(direction, dtype=torch.float64)
-    aside = torch.linalg.cross(direction, torch.tensor([0.3, 0.2, 0.9], dtype=torch.float64))
+    along = torch.tensor(direction, dtype=torch.float64)
+    aside = torch.linalg.cross(along, torch.tensor([0.3, 0.2, 0.9], dtype=torch.float64))
     joints = rest_joints.clone()
     joints[4] = torch.tensor([50.0, 0, 0])
-    joints[7] = joints[4] + 0.4 * direction
+    joints[7] = joints[4] + 0.4 * along
     joints[10] = joints[7] + torch.tensor([0.0, 0, 30.0])
     middle = (joints[4] + joints[7]) / 2
     end = middle + 0.05 * aside / aside.norm()
@@ -48,7 +50,7 @@ def test_any_direction_of_a_bone_is_as_good_as_another(rest_joints, direction):
     assert prior[4, 1, 1, 1].item() == pytest.approx(math.exp(-((0.05 / 0.06) ** 2)), rel=1e-6)
 
 
-def test_a_bone_without_length_and_a_body_without_size(rest_joints):
+def test_a_bone_without_length_and_a_body_without_size(rest_joints: torch.Tensor) -> None:
     joints = rest_joints.clone()
     joints[20] = joints[18]
     assert torch.isfinite(log_prior(joints, canonical_box(joints), SIZES)).all()
@@ -56,7 +58,7 @@ def test_a_bone_without_length_and_a_body_without_size(rest_joints):
     assert torch.isfinite(log_prior(point, canonical_box(point), (4, 4, 4))).all()
 
 
-def test_the_logarithm_has_a_floor(rest_joints):
+def test_the_logarithm_has_a_floor(rest_joints: torch.Tensor) -> None:
     prior = log_prior(rest_joints, canonical_box(rest_joints), SIZES)
     assert torch.isfinite(prior).all()
     assert prior.min().item() == pytest.approx(math.log(PRIOR_FLOOR))
@@ -66,7 +68,9 @@ def test_the_logarithm_has_a_floor(rest_joints):
 
 @pytest.mark.parametrize("nodes", [8, 12, 16, 32])
 @pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
-def test_hands_never_fall_between_the_nodes(rest_joints, nodes, phase):
+def test_hands_never_fall_between_the_nodes(
+    rest_joints: torch.Tensor, nodes: int, phase: float
+) -> None:
     """Whatever the grid's phase, a hand's own weight is well above the threshold 0.01."""
     box = canonical_box(rest_joints)
     shift = phase * (box[1] - box[0]) / (nodes - 1)
@@ -75,13 +79,13 @@ def test_hands_never_fall_between_the_nodes(rest_joints, nodes, phase):
         assert prior[hand].amax() > 0.05
 
 
-def test_left_and_right_mirror_each_other(rest_joints):
+def test_left_and_right_mirror_each_other(rest_joints: torch.Tensor) -> None:
     prior = bone_prior(rest_joints, canonical_box(rest_joints), SIZES)
     for left, right in ((1, 2), (4, 5), (7, 8), (10, 11), (13, 14), (16, 17), (20, 21), (22, 23)):
         torch.testing.assert_close(prior[left], prior[right].flip(2), rtol=0, atol=1e-12)
 
 
-def test_nodes_lie_on_the_faces():
+def test_nodes_lie_on_the_faces() -> None:
     box = torch.tensor([[0.0, 1.0, 2.0], [4.0, 3.0, 8.0]])
     nodes = grid_nodes(box, (3, 2, 5))
     assert nodes.shape == (3, 2, 5, 3)

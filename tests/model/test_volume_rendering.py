@@ -2,14 +2,18 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 from torch.autograd import gradcheck
 
 from actorsnerf_model.volume_rendering import composite, optical_depth
 
 
-def loop(rgb, density, spacing, depths, background):
+def loop(
+    rgb: Tensor, density: Tensor, spacing: Tensor, depths: Tensor, background: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
     """One ray, one sample after another."""
-    light, colour, alpha, depth = 1.0, torch.zeros(3, dtype=torch.float64), 0.0, 0.0
+    colour = torch.zeros(3, dtype=torch.float64)
+    alpha, depth, light = colour[0], colour[0], colour[0] + 1
     for sample in range(len(density)):
         opacity = 1 - torch.exp(-density[sample] * spacing[sample])
         colour = colour + light * opacity * rgb[sample]
@@ -19,7 +23,9 @@ def loop(rgb, density, spacing, depths, background):
     return colour + light * background, alpha, depth
 
 
-def random_rays(generator, rays=5, samples=7):
+def random_rays(
+    generator: torch.Generator, rays: int = 5, samples: int = 7
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     rgb = torch.rand(rays, samples, 3, generator=generator, dtype=torch.float64)
     density = 30 * torch.rand(rays, samples, generator=generator, dtype=torch.float64)
     spacing = 0.1 * torch.rand(rays, samples, generator=generator, dtype=torch.float64)
@@ -29,7 +35,7 @@ def random_rays(generator, rays=5, samples=7):
 BACKGROUND = torch.tensor([0.1, 0.6, 1.0], dtype=torch.float64)
 
 
-def test_equals_the_loop(generator):
+def test_equals_the_loop(generator: torch.Generator) -> None:
     rgb, density, spacing, depths = random_rays(generator)
     found = composite(rgb, optical_depth(density, spacing, None), depths, BACKGROUND)
     for ray in range(5):
@@ -39,7 +45,7 @@ def test_equals_the_loop(generator):
         torch.testing.assert_close(found.depth[ray], depth)
 
 
-def test_two_samples_by_hand():
+def test_two_samples_by_hand() -> None:
     thickness = torch.tensor([[0.5, 1.0]]).log().neg()  # passes a half, then everything
     found = composite(
         torch.tensor([[[1.0, 0, 0], [0, 1, 0]]]), thickness, torch.tensor([[2.0, 3]]), torch.ones(3)
@@ -50,7 +56,7 @@ def test_two_samples_by_hand():
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.floats(-10, 1e6, width=32), min_size=1, max_size=20), st.booleans())
-def test_weights_and_passing_light_sum_to_one(densities, soft):
+def test_weights_and_passing_light_sum_to_one(densities: list[float], soft: bool) -> None:
     density = torch.tensor([densities])
     likelihood = torch.linspace(0, 1.0001, density.shape[1])[None] if soft else None
     thickness = optical_depth(density, torch.full_like(density, 0.013), likelihood)
@@ -65,19 +71,21 @@ def test_weights_and_passing_light_sum_to_one(densities, soft):
 
 @pytest.mark.parametrize("density", [0.0, 1e-30, 1.0, 1e3, 1e6, 1e30])
 @pytest.mark.parametrize("likelihood", [None, 0.0, 0.01, 1.0, 1.0001])
-def test_values_and_gradients_are_finite(density, likelihood):
+def test_values_and_gradients_are_finite(density: float, likelihood: float | None) -> None:
     given_density = torch.full((1, 4), density, requires_grad=True)
     mask = None if likelihood is None else torch.full((1, 4), likelihood, requires_grad=True)
     thickness = optical_depth(given_density, torch.full((1, 4), 0.01), mask)
     found = composite(torch.rand(1, 4, 3), thickness, torch.ones(1, 4), torch.zeros(3))
-    (found.rgb.sum() + found.depth.sum() + found.alpha.sum()).backward()
+    torch.autograd.backward(found.rgb.sum() + found.depth.sum() + found.alpha.sum())
     assert torch.isfinite(found.rgb).all()
+    assert given_density.grad is not None
     assert torch.isfinite(given_density.grad).all()
     if mask is not None:
+        assert mask.grad is not None
         assert torch.isfinite(mask.grad).all()
 
 
-def test_empty_rays_are_background():
+def test_empty_rays_are_background() -> None:
     found = composite(torch.rand(2, 3, 3), torch.zeros(2, 3), torch.ones(2, 3), BACKGROUND.float())
     torch.testing.assert_close(found.rgb, BACKGROUND.float().expand(2, 3), rtol=0, atol=0)
     assert found.alpha.abs().max() == 0 and found.depth.abs().max() == 0
@@ -85,7 +93,7 @@ def test_empty_rays_are_background():
     assert none.rgb.shape == (0, 3)
 
 
-def test_a_soft_mask_multiplies_the_opacity():
+def test_a_soft_mask_multiplies_the_opacity() -> None:
     density, spacing = torch.tensor([[3.0]]), torch.tensor([[0.2]])
     thickness = optical_depth(density, spacing, torch.tensor([[0.25]]))
     opacity = 1 - torch.exp(-thickness)
@@ -94,15 +102,15 @@ def test_a_soft_mask_multiplies_the_opacity():
     torch.testing.assert_close(full, density * spacing)
 
 
-def test_gradient(generator):
+def test_gradient(generator: torch.Generator) -> None:
     rgb, density, spacing, depths = random_rays(generator, 2, 4)
     likelihood = torch.rand(2, 4, generator=generator, dtype=torch.float64)
 
-    def hard(rgb, density):
+    def hard(rgb: Tensor, density: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         found = composite(rgb, optical_depth(density, spacing, None), depths, BACKGROUND)
         return found.rgb, found.alpha, found.depth
 
-    def soft(rgb, density, likelihood):
+    def soft(rgb: Tensor, density: Tensor, likelihood: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         found = composite(rgb, optical_depth(density, spacing, likelihood), depths, BACKGROUND)
         return found.rgb, found.alpha, found.depth
 
