@@ -260,8 +260,8 @@ class ActorsNeRF(nn.Module):
             # A point that no bone holds stays where it is; only a threshold of 0 locates any.
             posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
             read = read_features(actor.maps, actor.body.cameras, posed)
-        width = self.config.radiance.width
-        return read[..., :width], read[..., width:] if read.shape[-1] > width else None
+        code = self.config.radiance.code
+        return read[..., :code], read[..., code:] if read.shape[-1] > code else None
 
     def _networks(self, like: Tensor) -> AbstractContextManager[None]:
         """Autocast to the networks' precision on the tensor's device."""

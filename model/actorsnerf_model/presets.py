@@ -13,7 +13,7 @@ OFFICIAL = ActorsNeRFConfig()
 """The released code's sizes and constants."""
 
 _SOFT = RadianceConfig(
-    width=64, octaves=8, density="softplus", density_scale=100.0, density_shift=-2.0
+    width=64, code=32, octaves=8, density="softplus", density_scale=100.0, density_shift=-2.0
 )
 
 SMALL = ActorsNeRFConfig(
@@ -36,6 +36,6 @@ TINY = ActorsNeRFConfig(
     skinning=SkinningDecoderConfig(kind="direct", resolution=16),
     deformation_net=DeformationConfig(width=16, depth=3, skip=2, octaves=3, code=4),
     sparse=SparseConfig(voxel=0.06, channels=(8, 8), convolutions=(1, 1), taps=(0, 1)),
-    radiance=replace(_SOFT, width=16, octaves=4),
+    radiance=replace(_SOFT, width=16, code=8, octaves=4),
 )
 """For tests and the demo: seconds."""

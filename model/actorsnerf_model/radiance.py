@@ -21,6 +21,8 @@ class RadianceConfig:
     """Sizes of the rendering network; defaults are the released code's."""
 
     width: int = 256
+    code: int = 256
+    """Numbers that each support view's pixel feature, and the body feature, is reduced to."""
     octaves: int = 10
     """Of the position's encoding, which has the identity too."""
     density: Literal["relu", "softplus"] = "relu"
@@ -38,11 +40,11 @@ class Radiance(nn.Module):
         """Random weights; 0 channels leave that kind of feature, and its layers, out."""
         super().__init__()
         self.config = config
-        width = config.width
+        width, code = config.width, config.code
         position = 3 * (2 * config.octaves + 1)
-        self.pixel = nn.Linear(pixel_channels, width) if pixel_channels else None
-        self.body = nn.Linear(body_channels, width) if body_channels else None
-        joined = width * ((self.pixel is not None) + (self.body is not None)) or position
+        self.pixel = nn.Linear(pixel_channels, code) if pixel_channels else None
+        self.body = nn.Linear(body_channels, code) if body_channels else None
+        joined = code * ((self.pixel is not None) + (self.body is not None)) or position
         self.density_0 = nn.Linear(joined, width)
         self.density_1 = nn.Linear(width + position, width)
         self.density_2 = nn.Linear(width, width)
@@ -57,7 +59,7 @@ class Radiance(nn.Module):
     def forward(
         self,
         points: Float[Tensor, "points 3"],
-        pixels: Float[Tensor, "points views width"] | None,
+        pixels: Float[Tensor, "points views code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
         """Colour in (0, 1) and density in 1/metre.
@@ -84,7 +86,7 @@ class Radiance(nn.Module):
     def _joined(
         self,
         position: Float[Tensor, "points position"],
-        pixels: Float[Tensor, "points views width"] | None,
+        pixels: Float[Tensor, "points views code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> Float[Tensor, "points views twice"]:
         """First layer of both branches at once, before its activation; the body's share once."""
@@ -96,11 +98,11 @@ class Radiance(nn.Module):
         if self.body is not None:
             assert body is not None
             share = F.relu(self.body(body))
-            total = F.linear(share, weight[:, : self.config.width], bias)[:, None]
+            total = F.linear(share, weight[:, : self.config.code], bias)[:, None]
         if self.pixel is not None:
             assert pixels is not None
-            code = F.relu(pixels + self.pixel.bias)
-            total = total + F.linear(code, weight[:, -self.config.width :])
+            seen = F.relu(pixels + self.pixel.bias)
+            total = total + F.linear(seen, weight[:, -self.config.code :])
         return total
 
     def _density(self, raw: Float[Tensor, "points"]) -> Float[Tensor, "points"]:

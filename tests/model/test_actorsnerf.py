@@ -151,7 +151,7 @@ def test_a_part_that_is_off_does_not_exist(config: ActorsNeRFConfig, support_vie
         assert (method.deformation.pixel_code is None) == (not config.pixel_features)
     if actor.maps is not None:
         code = config.deformation_net.code if config.deformation else 0
-        assert actor.maps.table.shape[-1] == config.radiance.width + code
+        assert actor.maps.table.shape[-1] == config.radiance.code + code
 
 
 def test_without_deformation_nothing_moves(support_views: Views) -> None:
@@ -167,7 +167,7 @@ def test_without_deformation_nothing_moves(support_views: Views) -> None:
     assert torch.equal(values.rgb.detach(), other.rgb)
     assert torch.equal(values.density.detach(), other.density)
     assert closed.actor.maps is not None
-    assert closed.actor.maps.table.shape[-1] == TINY.radiance.width
+    assert closed.actor.maps.table.shape[-1] == TINY.radiance.code
     assert closed.method.deformation is not None
     parts = list(closed.method.deformation.parameters())
     gradients = torch.autograd.grad(values.rgb.sum(), parts, allow_unused=True)

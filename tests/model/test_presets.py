@@ -32,7 +32,7 @@ def megaflops(config: ActorsNeRFConfig) -> float:
     radiance = Radiance(config.radiance, 256, config.sparse.tapped_channels)
     points, count = torch.rand(100, 3), 100
     codes = torch.rand(count, config.views, config.deformation_net.code)
-    pixels = torch.rand(count, config.views, config.radiance.width)
+    pixels = torch.rand(count, config.views, config.radiance.code)
     body = torch.rand(count, config.sparse.tapped_channels)
     with FlopCounterMode(display=False) as counter, torch.no_grad():
         net(points, 2.0, torch.zeros(24, 3), codes)

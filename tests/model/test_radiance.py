@@ -7,7 +7,7 @@ from actorsnerf_model.fourier import fourier_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 
 VIEWS, PIXEL, BODY = 3, 7, 5
-SOFT = RadianceConfig(16, 4, "softplus", 100.0, -2.0)
+SOFT = RadianceConfig(16, 6, 4, "softplus", 100.0, -2.0)
 
 
 def plain(
@@ -34,7 +34,7 @@ def plain(
     return colour, positive * net.config.density_scale
 
 
-@pytest.mark.parametrize("config", [RadianceConfig(16, 4), SOFT])
+@pytest.mark.parametrize("config", [RadianceConfig(16, 16, 4), SOFT])
 @pytest.mark.parametrize("pixel", [0, PIXEL])
 @pytest.mark.parametrize("body", [0, BODY])
 def test_equals_the_plain_form(config: RadianceConfig, pixel: int, body: int) -> None:
@@ -73,7 +73,7 @@ def test_ranges() -> None:
 
 def test_view_order_does_not_matter() -> None:
     torch.manual_seed(3)
-    net = Radiance(RadianceConfig(8, 2), PIXEL, 0).double()
+    net = Radiance(RadianceConfig(8, 8, 2), PIXEL, 0).double()
     points, pixels = torch.rand(6, 3).double(), torch.randn(6, VIEWS, 8).double()
     rgb, density = net(points, pixels, None)
     turned_rgb, turned_density = net(points, pixels.roll(1, dims=1), None)
