@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from actorsnerf_datasets.contact_sheet import write_contact_sheet
 from actorsnerf_datasets.protocols import with_automatic_lists
+from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Protocol, Provenance, SequenceHeader
 from actorsnerf_datasets.writer import StoredPicture, write_sequence
 from actorsnerf_preprocess.picture_tasks import (
@@ -54,18 +56,25 @@ class PrepareOptions:
     keep_background: bool = False
     workers: int = 1
     progress: bool = False
+    contact_sheet: bool = True
+    """Also draw `<name>.png`: frames by cameras with skeleton and mask outline."""
 
 
 def prepare_sequence(
     source: SourceSequence, out: Path, options: PrepareOptions, executor: Executor | None = None
 ) -> Report | None:
-    """Leaves `<out>/<name>.h5` and its report `<name>.json`; None if they are there already.
+    """Leaves `<out>/<name>.h5`, its report `<name>.json` and a contact sheet `<name>.png`.
+
+    The report comes last; a run that finds it with the same settings does nothing.
 
     Args:
         source: the opened sequence.
         out: an existing folder.
         options: how.
         executor: runs the work (`workers.team`, or a cluster's); None: this process does.
+
+    Returns:
+        The report, or None if the file was there already.
 
     Raises:
         SourceError: no picture of the sequence is usable, or the disk refuses.
@@ -90,6 +99,9 @@ def prepare_sequence(
         write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
     seconds = time.perf_counter() - started
     report = _report(source, probes, outcomes, _Result(path, settings, plan, seconds))
+    if options.contact_sheet:
+        with SequenceFile(path) as written:
+            write_contact_sheet(written, out / f"{source.found.name}.png")
     write_report(report_path, report)
     return report
 

@@ -16,23 +16,11 @@ from numpy.typing import NDArray
 
 from actorsnerf_datasets import types
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.findings import Finding as Finding
 
 
 class SourceError(UserError):
     """The raw data is missing, unreadable, or not what its format says."""
-
-
-Severity = Literal["error", "warning", "note"]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One observation about the raw data, in a sentence."""
-
-    severity: Severity
-    entry: str
-    """File, folder or entry."""
-    sentence: str
 
 
 @dataclass(frozen=True)
