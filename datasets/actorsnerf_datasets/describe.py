@@ -39,7 +39,7 @@ def _source_lines(header: SequenceHeader) -> list[str]:
 
 def _body_lines(header: SequenceHeader) -> list[str]:
     height = float(np.ptp(header.shape.rest_vertices, axis=0)[1])
-    count = header.fits.posed_vertices.shape[1]
+    count = len(header.shape.rest_vertices)
     numbers = header.frames
     steps = np.unique(np.diff(numbers)).tolist()
     every = f"every {steps[0]}" if len(steps) == 1 else "with gaps"

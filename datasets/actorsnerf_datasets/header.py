@@ -111,8 +111,13 @@ def forms(file: h5py.File) -> dict[str, Form]:
     return found
 
 
-def read_header(file: h5py.File, path: Path) -> SequenceHeader:
+def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> SequenceHeader:
     """All of an open sequence but its pictures.
+
+    Args:
+        file: open, from `open_sequence`.
+        path: for messages.
+        posed_vertices: with those of all frames (45 MB in a ZJU-MoCap sequence), or with none.
 
     Raises:
         LayoutError: an entry is missing, or has another shape or dtype than the layout says.
@@ -131,7 +136,7 @@ def read_header(file: h5py.File, path: Path) -> SequenceHeader:
         world_up=np.asarray(file.attrs["world_up"]),
         cameras=_cameras(file),
         frames=np.asarray(file["frames/number"][:]),
-        fits=BodyFits(**{field.name: file["fits"][field.name][:] for field in fields(BodyFits)}),
+        fits=_fits(file["fits"], posed_vertices),
         shape=ActorShape(
             **{field.name: file["actor"][field.name][:] for field in fields(ActorShape)}
         ),
@@ -170,6 +175,12 @@ def _cameras(file: h5py.File) -> tuple[Camera, ...]:
         )
         for index, name in enumerate(names)
     )
+
+
+def _fits(group: h5py.Group, posed_vertices: bool) -> BodyFits:
+    counts = {"posed_vertices": None if posed_vertices else 0}
+    names = [field.name for field in fields(BodyFits)]
+    return BodyFits(**{name: group[name][: counts.get(name)] for name in names})
 
 
 def _pair(numbers: NDArray[np.int32]) -> tuple[int, int]:

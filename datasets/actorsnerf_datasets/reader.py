@@ -5,6 +5,7 @@ import os
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import h5py
 import numpy as np
@@ -51,12 +52,28 @@ class SequenceFile:
 
     @cached_property
     def header(self) -> SequenceHeader:
-        """All of the sequence but its pictures.
+        """All of the sequence but its pictures and posed vertices, which stay in the file.
 
         Raises:
             LayoutError: the file is missing, no prepared sequence, or of a newer layout.
         """
+        return read_header(self._file(), self.path, posed_vertices=False)
+
+    def complete_header(self) -> SequenceHeader:
+        """The header with the posed vertices of all frames, read anew: as the writer takes it.
+
+        Raises:
+            LayoutError: as `header`.
+        """
         return read_header(self._file(), self.path)
+
+    def posed_vertices(self, frame: int) -> Float32:
+        """The body's vertices (V, 3) in the frame at this position, body frame, metres.
+
+        Raises:
+            LayoutError: the data is damaged.
+        """
+        return np.asarray(self._decoded("fits/posed_vertices", frame), np.float32)
 
     @cached_property
     def crop_size(self) -> tuple[int, int]:
@@ -124,16 +141,9 @@ class SequenceFile:
             LayoutError: it is not stored, or its data is damaged.
         """
         row = self._row(camera, frame)
-        try:
-            rgb = self._file()["pictures/rgb"][row]
-            alpha = self._file()["pictures/alpha"][row]
-        except (OSError, RuntimeError) as error:
-            raise LayoutError(
-                f"{self.path}: picture {row} cannot be decoded ({error}): is the file damaged? "
-                f"Run: python -m actorsnerf_datasets check {self.path}"
-            ) from error
+        rgb, alpha = (self._decoded(f"pictures/{name}", row) for name in ("rgb", "alpha"))
         x, y = self.offsets[row].tolist()
-        return Picture(rgb=np.asarray(rgb), alpha=np.asarray(alpha), offset=(x, y))
+        return Picture(rgb=rgb, alpha=alpha, offset=(x, y))
 
     def crop_K(self, camera: int, frame: int) -> Float64:
         """Intrinsics (3, 3) of this crop, pixels.
@@ -197,6 +207,15 @@ class SequenceFile:
                 f"{self.header.frames[frame]} is stored; to have all, prepare with --all-pairs"
             )
         return row
+
+    def _decoded(self, name: str, row: int) -> NDArray[Any]:
+        try:
+            return np.asarray(self._file()[name][row])
+        except (OSError, RuntimeError) as error:
+            raise LayoutError(
+                f"{self.path}: {name}, row {row} cannot be decoded ({error}): is the file damaged? "
+                f"Run: python -m actorsnerf_datasets check {self.path}"
+            ) from error
 
     def _file(self) -> h5py.File:
         if self._handle is None or self._process != os.getpid():

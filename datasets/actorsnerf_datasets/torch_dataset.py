@@ -299,7 +299,7 @@ def _view(sequence: SequenceFile, camera: int, frame: int, picture: Picture) -> 
         pose=torch.from_numpy(pose).float(),
         rest_joints=torch.from_numpy(header.fits.rest_joints[frame]).float(),
         rest_vertices=torch.from_numpy(header.shape.rest_vertices).float(),
-        posed_vertices=torch.from_numpy(header.fits.posed_vertices[frame]).float(),
+        posed_vertices=torch.from_numpy(sequence.posed_vertices(frame)),
         canonical_joints=torch.from_numpy(header.shape.rest_joints).float(),
         actor=header.actor,
         camera=header.cameras[camera].name,

@@ -53,7 +53,8 @@ class BodyFits:
     posed_joints: Float64
     """(F, 24, 3) body frame, metres."""
     posed_vertices: Float32
-    """(F, V, 3) body frame, metres."""
+    """(F, V, 3) body frame, metres; (0, V, 3) in `SequenceFile.header`, which leaves them in the
+    file: `SequenceFile.posed_vertices` reads one frame's."""
 
 
 @dataclass(frozen=True)

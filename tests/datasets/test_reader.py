@@ -143,7 +143,7 @@ def test_damaged_pictures_are_one_sentence(sequence_path: Path) -> None:
     with h5py.File(sequence_path, "r+") as file:
         file["pictures/rgb"].id.write_direct_chunk((0, 0, 0, 0), b"no zlib stream")
     with pytest.raises(
-        LayoutError, match=r"picture 0 cannot be decoded .* actorsnerf_datasets check"
+        LayoutError, match=r"pictures/rgb, row 0 cannot be decoded .* actorsnerf_datasets check"
     ):
         SequenceFile(sequence_path).picture(0, 0)
 
@@ -152,3 +152,24 @@ def test_the_header_is_kept(sequence_path: Path) -> None:
     sequence = SequenceFile(sequence_path)
     assert sequence.header is sequence.header
     assert dataclasses.is_dataclass(sequence.header)
+
+
+def test_posed_vertices_stay_in_the_file(sequence_path: Path, header: SequenceHeader) -> None:
+    with SequenceFile(sequence_path) as sequence:
+        assert sequence.header.fits.posed_vertices.shape == (0, 240, 3)
+        for frame in (0, 7):
+            found = sequence.posed_vertices(frame)
+            assert found.dtype == np.float32
+            np.testing.assert_array_equal(found, header.fits.posed_vertices[frame])
+        complete = sequence.complete_header()
+    np.testing.assert_array_equal(complete.fits.posed_vertices, header.fits.posed_vertices)
+    np.testing.assert_array_equal(complete.fits.transl, header.fits.transl)
+
+
+def test_damaged_vertices_are_one_sentence(sequence_path: Path) -> None:
+    with h5py.File(sequence_path, "r+") as file:
+        file["fits/posed_vertices"].id.write_direct_chunk((3, 0, 0), b"no zlib stream")
+    sequence = SequenceFile(sequence_path)
+    assert sequence.posed_vertices(2).shape == (240, 3)
+    with pytest.raises(LayoutError, match=r"fits/posed_vertices, row 3 cannot be decoded"):
+        sequence.posed_vertices(3)

@@ -153,7 +153,7 @@ def pictures():
 if limit:
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 try:
-    write_sequence(target, read.header, read.crop_size, pictures())
+    write_sequence(target, read.complete_header(), read.crop_size, pictures())
 except LayoutError as error:
     print(error)
 """
