@@ -59,10 +59,8 @@ def job_file(path: Path, job: Job) -> Iterator[JobFile]:
     """The job as a file, which is deleted on the way out."""
     content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
     try:
-        path.write_bytes(content)
+        _write(path, content)
         yield JobFile(path, hashlib.sha256(content).hexdigest())
-    except OSError as error:
-        raise SourceError(f"{path}: could not be written ({error}): is the disk full?") from error
     finally:
         path.unlink(missing_ok=True)
 
@@ -118,6 +116,13 @@ def in_order(
             yield waiting.popleft().result()
     while waiting:
         yield waiting.popleft().result()
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise SourceError(f"{path}: could not be written ({error}): is the disk full?") from error
 
 
 def _one_thread() -> None:

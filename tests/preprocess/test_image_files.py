@@ -47,6 +47,7 @@ def test_the_probe_reads_the_same_mask_and_digests_all_bytes(folder: Path) -> No
     assert one.digest != both.digest
     picture = read(folder, "m.png")
     assert isinstance(picture, RawPicture)
+    assert one.mask is not None and picture.mask is not None
     assert np.array_equal(one.mask, picture.mask)
 
 

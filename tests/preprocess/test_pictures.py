@@ -38,10 +38,10 @@ def official(raw: RawPicture, source: SourceCamera, scale: float, background: fl
     """The published order: undistort, alpha / 255, composite, resize (Lanczos)."""
     assert raw.mask is not None
     image = cv2.undistort(raw.image, source.K, source.distortion).astype(np.float64)
-    alpha = cv2.undistort(raw.mask, source.K, source.distortion)[..., None] / 255.0
-    composite = alpha * image + (1.0 - alpha) * background
+    alpha = cv2.undistort(raw.mask, source.K, source.distortion).astype(np.float64)[..., None] / 255
+    composite: Float64 = alpha * image + (1.0 - alpha) * background
     if scale == 1.0:
-        return np.asarray(composite, np.float64)
+        return composite
     resized = cv2.resize(composite, None, fx=scale, fy=scale, interpolation=cv2.INTER_LANCZOS4)
     return np.asarray(resized, np.float64)
 
@@ -49,13 +49,14 @@ def official(raw: RawPicture, source: SourceCamera, scale: float, background: fl
 def overshoot(raw: RawPicture, source: SourceCamera, scale: float) -> UInt8:
     """1 where alpha or colour / alpha leaves the range that 8 bits hold."""
     assert raw.mask is not None
-    alpha = cv2.undistort(raw.mask, source.K, source.distortion) / 255.0
-    image = cv2.undistort(raw.image, source.K, source.distortion)
-    size = {"fx": scale, "fy": scale, "interpolation": cv2.INTER_LANCZOS4}
+    alpha: Float64 = cv2.undistort(raw.mask, source.K, source.distortion).astype(np.float64) / 255
+    image = cv2.undistort(raw.image, source.K, source.distortion).astype(np.float64)
     if scale == 1.0:
         return np.zeros(alpha.shape, np.uint8)
-    coverage = cv2.resize(alpha, None, **size)
-    colour = cv2.resize(image * alpha[..., None], None, **size)
+    coverage, colour = (
+        cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_LANCZOS4)
+        for part in (alpha, image * alpha[..., None])
+    )
     straight = colour / np.maximum(np.round(255 * coverage), 1)[..., None] * 255
     outside = (coverage < -0.001) | (coverage > 1.001)
     outside |= ((straight < 0) | (straight > 255)).any(-1)
@@ -131,7 +132,7 @@ def test_without_distortion_nothing_is_resampled(rng: np.random.Generator) -> No
         raw, lens_of(source), Crop(0, 0, 240, 200), PictureOptions(1.0, keep_background=True)
     )
     assert np.array_equal(picture.rgb, raw.image)
-    assert np.array_equal(picture.alpha, raw.mask)
+    assert raw.mask is not None and np.array_equal(picture.alpha, raw.mask)
 
 
 def test_a_crop_of_the_picture_does_not_depend_on_where_it_is_cut(

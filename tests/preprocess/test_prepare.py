@@ -14,6 +14,7 @@ from actorsnerf_datasets.check import check_sequence
 from actorsnerf_datasets.errors import LayoutError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_preprocess import prepare
+from actorsnerf_preprocess.picture_tasks import encode_pictures
 from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
 from actorsnerf_preprocess.source import (
     Absent,
@@ -91,7 +92,7 @@ def test_a_killed_run_leaves_no_file_and_the_next_one_is_the_same(
     whole = tmp_path / "whole"
     whole.mkdir()
     prepare_sequence(source, whole, PrepareOptions(contact_sheet=False))
-    encode = prepare.encode_pictures
+    encode = encode_pictures
     calls = []
 
     def killed(task: Any) -> Any:

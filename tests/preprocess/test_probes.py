@@ -37,7 +37,7 @@ def test_the_box_holds_the_projected_body_and_the_undistorted_mask(source: Sourc
     stored = stored_camera(seen, 0.5)
     matrix = camera_from_world(seen.R, seen.T) @ source.fits.world_from_body[1]
     pixels = project(source.fits.posed_vertices[1].astype(np.float64), stored.K, matrix).pixels
-    mask = cv2.imread(str(source.reader.files(0, 1)[1]), cv2.IMREAD_UNCHANGED)
+    mask = np.asarray(cv2.imread(str(source.reader.files(0, 1)[1]), cv2.IMREAD_UNCHANGED))
     full = cv2.undistort((mask > 0).astype(np.uint8) * 255, seen.K, seen.distortion)
     rows, columns = np.nonzero(full > 127)
     right, bottom = found.box.x + found.box.width - 1, found.box.y + found.box.height - 1

@@ -51,8 +51,8 @@ def convert(tree: Any, root: Path, shift: np.ndarray, cameras: bool = True) -> N
         dump(folder / "mesh_infos.pkl", infos)
         for number in tree.frames:
             name = f"{tree.names[index]}/{number:06d}"
-            image = cv2.imread(str(tree.root / f"{name}.jpg"))
-            mask = cv2.imread(str(tree.root / "mask_cihp" / f"{name}.png"), 0)
+            image = np.asarray(cv2.imread(str(tree.root / f"{name}.jpg")))
+            mask = np.asarray(cv2.imread(str(tree.root / "mask_cihp" / f"{name}.png"), 0))
             three = np.repeat((mask > 0).astype(np.uint8)[..., None] * 255, 3, axis=-1)
             for kind, content in (("images", image), ("masks", three)):
                 (folder / kind).mkdir(exist_ok=True)

@@ -1,0 +1,117 @@
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actorsnerf_preprocess.__main__ import main
+
+WriteTree = Callable[..., Any]
+
+
+@pytest.fixture
+def raw(tmp_path: Path, write_zju: WriteTree) -> Path:
+    write_zju(tmp_path / "raw" / "CoreView_377", frames=range(2), cameras=2)
+    return tmp_path / "raw"
+
+
+def arguments(*parts: object) -> list[str]:
+    return [str(part) for part in parts]
+
+
+def test_inspect_fits_one_screen_and_writes_nothing(
+    raw: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(raw.rglob("*"))
+    assert main(arguments("inspect", "--source", raw)) == 0
+    out = capsys.readouterr().out
+    assert len(out.splitlines()) < 40
+    assert "classic tree, folders Camera_B<n>" in out
+    assert "never run on an original archive" in out
+    assert sorted(raw.rglob("*")) == before
+
+
+def test_inspect_says_errors_with_its_exit_code(
+    raw: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (raw / "CoreView_377" / "mask_cihp").rename(raw / "CoreView_377" / "m")
+    assert main(arguments("inspect", "--source", raw)) == 2
+    assert "error: masks: No masks" in capsys.readouterr().out
+
+
+def test_prepare_ends_with_the_next_command(
+    raw: Path, tmp_path: Path, tiny_body: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = arguments("prepare", "--source", raw, "--out", tmp_path / "out", "--workers", 1)
+    command += ["--body-model", str(tiny_body)]
+    assert main(command) == 0
+    out = capsys.readouterr().out
+    assert "2 of 2 pictures stored" in out
+    assert "pretraining in actorsnerf-zju" in out
+    assert out.splitlines()[-1] == (
+        f"next: python -m actorsnerf_datasets check {tmp_path / 'out' / 'CoreView_377.h5'}"
+    )
+    assert main(command) == 0
+    assert "is there already, made with the same settings" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("extra", "sentence"),
+    [
+        (["--sequences", "999"], "error: .*has no sequence '999'; it has CoreView_377"),
+        ([], "error: CoreView_377: ZJU-MoCap was fitted with SMPL's neutral model"),
+        (["--body-model", "gone.pkl"], "error: gone.pkl: no such body-model file: register at"),
+        (["--body-model", "gone.pkl", "--masks", "nowhere"], "error: "),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2_and_nothing_is_written(
+    raw: Path,
+    tmp_path: Path,
+    extra: list[str],
+    sentence: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "out"
+    command = arguments("prepare", "--source", raw, "--out", out, "--workers", 1)
+    assert main(command + extra) == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert re.match(sentence, error)
+    assert not out.exists()
+
+
+def test_needed_files_are_listed_without_a_body_model(
+    raw: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments("prepare", "--source", raw, "--list-needed")) == 0
+    (raw / "CoreView_377" / "Camera_B1" / "000001.jpg").unlink()
+    assert main(arguments("prepare", "--source", raw, "--list-needed")) == 2
+    out = capsys.readouterr().out
+    assert "pictures: 2 needed, 1 missing" in out
+    assert "aistdancedb.ongaaccel.jp" in out
+
+
+def test_a_dry_run_estimates_and_writes_nothing(
+    raw: Path, tmp_path: Path, tiny_body: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = arguments("prepare", "--source", raw, "--out", tmp_path / "out", "--dry-run")
+    assert main([*command, "--body-model", str(tiny_body), "--workers", "1"]) == 0
+    assert "would store 2 pictures" in capsys.readouterr().out
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_bad_sequence_does_not_stop_the_others(
+    raw: Path,
+    tmp_path: Path,
+    write_zju: WriteTree,
+    tiny_body: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write_zju(raw / "CoreView_313", frames=range(1), cameras=1)
+    (raw / "CoreView_313" / "annots.npy").write_bytes(b"cut off")
+    command = arguments("prepare", "--source", raw, "--out", tmp_path / "out", "--workers", 1)
+    assert main([*command, "--body-model", str(tiny_body)]) == 2
+    captured = capsys.readouterr()
+    assert "CoreView_313/annots.npy" in captured.err
+    assert (tmp_path / "out" / "CoreView_377.h5").is_file()

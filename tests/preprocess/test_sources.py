@@ -1,0 +1,53 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actorsnerf_preprocess import sources
+from actorsnerf_preprocess.source import Found, SourceError
+from actorsnerf_preprocess.sources import find_sources, held_out_names, selected
+
+WriteTree = Callable[..., Any]
+
+
+def test_sequences_are_found_two_levels_down(tmp_path: Path, write_zju: WriteTree) -> None:
+    write_zju(tmp_path / "zju" / "CoreView_377", frames=range(1), cameras=1)
+    write_zju(tmp_path / "CoreView_387", frames=range(1), cameras=1)
+    assert [found.name for found in find_sources(tmp_path)] == ["CoreView_377", "CoreView_387"]
+
+
+def test_a_folder_without_a_data_set_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="is no data set that can be read; looked for ZJU-MoCap"):
+        find_sources(tmp_path)
+    with pytest.raises(SourceError, match="no such folder; --source names"):
+        find_sources(tmp_path / "gone")
+
+
+def test_two_data_sets_in_one_folder_are_refused(
+    tmp_path: Path, write_zju: WriteTree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_zju(tmp_path / "CoreView_377", frames=range(1), cameras=1)
+    dance = Found("gBR_sFM_cAll_d04_mBR0_ch01", tmp_path, "AIST++", "aist++")
+    monkeypatch.setattr(sources, "find_aist", lambda root: (dance,))
+    with pytest.raises(SourceError, match=r"holds ZJU-MoCap \(CoreView_377.*and AIST\+\+"):
+        find_sources(tmp_path)
+
+
+def test_sequences_are_selected_by_name_or_subject(tmp_path: Path) -> None:
+    found = [
+        Found(name, tmp_path / name, "ZJU-MoCap", "zju-mocap")
+        for name in ("CoreView_377", "CoreView_387")
+    ]
+    assert selected(found, []) == tuple(found)
+    assert selected(found, ["387"]) == (found[1],)
+    assert selected(found, ["CoreView_387", "387"]) == (found[1],)
+    with pytest.raises(SourceError, match=r"has no sequence '386'; it has CoreView_377, CoreView"):
+        selected(found, ["386"])
+
+
+def test_held_out_actors_are_given_or_in_a_file(tmp_path: Path) -> None:
+    assert held_out_names(tmp_path, []) == ()
+    (tmp_path / "held_out.txt").write_text("aunt \n\nuncle\n")
+    assert held_out_names(tmp_path, []) == ("aunt", "uncle")
+    assert held_out_names(tmp_path, ["me"]) == ("me",)
