@@ -46,7 +46,7 @@ def test_no_long_tail(path: Path) -> None:
 
 def test_no_pickle_is_opened_but_by_the_restricted_unpickler() -> None:
     for path in modules():
-        # workers reads back what its own run wrote, after comparing a digest that came with the task.
+        # workers reads back what its own run wrote, after comparing the digest in its task.
         if path.stem in ("pickles", "workers"):
             continue
         for word in ("allow_pickle=True", "pickle.load", "torch.load("):
