@@ -1,7 +1,10 @@
 """The command line: pretrain, fewshot, evaluate, render."""
 
+import inspect
 import sys
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
 
 import tyro
 
@@ -24,9 +27,21 @@ Prepared files come from: python -m actorsnerf_preprocess prepare --help
 INTERRUPTED = 130
 """Exit status of a program that Ctrl-C stopped."""
 
+
+@dataclass(frozen=True)
+class _Fewshot(FewshotOptions):
+    """The options of a fitting; on the command line `category` is called --from."""
+
+    category: Annotated[Path | Literal["scratch"], tyro.conf.arg(name="from")]
+    """Run folder or checkpoint of the category training; "scratch" begins from random weights and
+    trains every part, to compare with."""
+
+
 Options = (
     Annotated[PretrainOptions, tyro.conf.subcommand("pretrain")]
-    | Annotated[FewshotOptions, tyro.conf.subcommand("fewshot")]
+    | Annotated[
+        _Fewshot, tyro.conf.subcommand("fewshot", description=inspect.getdoc(FewshotOptions))
+    ]
     | Annotated[EvaluateOptions, tyro.conf.subcommand("evaluate")]
     | Annotated[AnimateOptions, tyro.conf.subcommand("render")]
 )

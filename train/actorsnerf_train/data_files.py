@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from actorsnerf_datasets.check import check_sequence
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.checkpoint import DataFile, Origin
@@ -55,8 +56,6 @@ def check_files(paths: Sequence[Path]) -> None:
     Raises:
         UserError: one does not; the first finding is quoted.
     """
-    from actorsnerf_datasets.check import check_sequence
-
     for path in paths:
         errors = [f for f in check_sequence(path, None) if f.severity == "error"]
         if errors:

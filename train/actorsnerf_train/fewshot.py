@@ -44,7 +44,7 @@ class FewshotOptions:
     """Prepared file of the new actor (held out for testing)."""
     run: Path
     """Folder for checkpoints, log, curves and sample pictures."""
-    from_: Path | Literal["scratch"]
+    category: Path | Literal["scratch"]
     """Run folder or checkpoint of the category training; "scratch" begins from random weights and
     trains every part, to compare with."""
     protocol: str = "fewshot-10"
@@ -68,7 +68,7 @@ def run_fewshot(options: FewshotOptions) -> Path:
     Raises:
         UserError: category checkpoint, data, device or run folder are not as needed.
     """
-    category = None if options.from_ == "scratch" else load_category(Path(options.from_))
+    category = load_category(options.category) if isinstance(options.category, Path) else None
     origin = _scratch_origin() if category is None else _origin(category)
     if options.use.check:
         check_files((options.data,))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from actorsnerf_train.checkpoint import write_whole
 
 LOG = "log.jsonl"
 CURVES = "tensorboard"
+LINE_SECONDS = 20.0
+"""Between two updates of the progress bar where it goes to a file."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,11 @@ class Journal:
             self.log = (run / LOG).open("a", encoding="utf-8")
             self.curves = SummaryWriter(str(run / CURVES), purge_step=first_step)
         self.bar = tqdm(
-            initial=first_step, total=steps, unit="step", disable=run is None, dynamic_ncols=True
+            initial=first_step,
+            total=steps,
+            unit="step",
+            disable=run is None,
+            mininterval=0.2 if sys.stderr.isatty() else LINE_SECONDS,
         )
         self.began = time.monotonic()
 

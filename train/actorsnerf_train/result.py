@@ -45,6 +45,7 @@ conventions.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.metrics import ConventionName
@@ -52,7 +53,10 @@ from actorsnerf_train.metrics import ConventionName
 SCHEMA = "actorsnerf-result"
 SCHEMA_VERSION = 1
 
-Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+if TYPE_CHECKING:
+    Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+else:
+    Json = object  # run-time type checkers cannot follow an alias into itself
 
 
 @dataclass(frozen=True)
