@@ -26,7 +26,7 @@ from actorsnerf_preprocess.picture_tasks import (
     probe_pictures,
 )
 from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
-from actorsnerf_preprocess.probes import Probe, crop_size, placed_crop
+from actorsnerf_preprocess.probes import Probe, area_jumps, crop_size, placed_crop
 from actorsnerf_preprocess.resume import pictures_digest, settings_digest
 from actorsnerf_preprocess.run_report import (
     CameraReport,
@@ -265,6 +265,12 @@ def _probe_notes(probes: Sequence[Probe]) -> list[str]:
     notes = [
         f"{one.count} of {len(probes)} pictures are not stored: {one.reason}." for one in unusable
     ]
+    jumps = area_jumps(probes)
+    if jumps:
+        first = ", ".join(probe.where for probe in jumps[:3])
+        notes.append(
+            f"{len(jumps)} masks differ much in area from those of the frames around: {first}."
+        )
     stray = sum(probe.stray for probe in probes)
     if stray:
         notes.append(f"{stray} masks have parts away from the body that the crops leave out.")

@@ -4,7 +4,7 @@ No image is decoded here. The crop of a picture must hold the projected body and
 the size of the largest is the size of all crops of a sequence.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -30,6 +30,8 @@ ELSEWHERE_SHARE = 0.2
 """If fewer of the body's vertices than this share lie inside the mask, it is not this body's."""
 
 
+AREA_JUMP = 1.6
+"""A mask that differs in area by more than this factor from its neighbours is worth a look."""
 UNDISTORTION_STEPS = 10
 """Each more than halves the error of a lens that moves pixels by a tenth of the picture."""
 
@@ -46,6 +48,8 @@ class Probe:
     where: str
     inside: float
     """Share of the projected vertices inside the mask; NaN if there is no mask yet."""
+    area: float
+    """Share of the picture that the mask covers; NaN if there is no mask yet."""
     stray: bool
     """Parts of the mask lie away from the body; what the crop does not reach is dropped."""
     digest: str
@@ -65,17 +69,18 @@ def probe_picture(
     """
     found = source.reader.probe(camera, frame)
     if isinstance(found, Absent):
-        return Probe(camera, frame, None, found.reason, found.where, np.nan, False, "")
+        return Probe(camera, frame, None, found.reason, found.where, np.nan, np.nan, False, "")
     where = str(source.reader.files(camera, frame)[0])
     world = _world_vertices(source, frame)
     body = _body_box(world, stored)
     inside, reason = _judged(found, world, lens)
+    area = np.nan if found.mask is None else np.count_nonzero(found.mask) / found.mask.size
     if body is None:
         reason = "body outside the picture"
     if reason or body is None:
-        return Probe(camera, frame, None, reason, where, inside, False, found.digest)
+        return Probe(camera, frame, None, reason, where, inside, area, False, found.digest)
     box, stray = _person_box(found, body, lens, stored)
-    return Probe(camera, frame, box, "", where, inside, stray, found.digest)
+    return Probe(camera, frame, box, "", where, inside, area, stray, found.digest)
 
 
 def crop_size(boxes: Iterable[Crop]) -> tuple[int, int]:
@@ -94,6 +99,22 @@ def placed_crop(box: Crop, size: tuple[int, int]) -> Crop:
     x = box.x + (box.width - size[0]) // 2
     y = box.y + (box.height - size[1]) // 2
     return Crop(x, y, *size)
+
+
+def area_jumps(probes: Sequence[Probe]) -> tuple[Probe, ...]:
+    """The pictures whose mask is much smaller or larger than those of the frames around it.
+
+    Compared is with the median of the four pictures before and after, of the same camera.
+    """
+    jumps = []
+    for camera in sorted({probe.camera for probe in probes}):
+        row = [probe for probe in probes if probe.camera == camera and np.isfinite(probe.area)]
+        for index, probe in enumerate(row):
+            near = row[max(0, index - 4) : index + 5]
+            usual = float(np.median([other.area for other in near]))
+            if probe.box and not usual / AREA_JUMP < probe.area < usual * AREA_JUMP:
+                jumps.append(probe)
+    return tuple(jumps)
 
 
 def _rounded_up(length: int) -> int:

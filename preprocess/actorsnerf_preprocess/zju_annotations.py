@@ -15,6 +15,8 @@ MILLIMETRE_DISTANCE = 100.0
 METRE_DISTANCE = 20.0
 """One below this can only be metres."""
 ROTATION_TOLERANCE = 1e-4
+LEAST_AGREEMENT = 0.1
+"""Length of the mean of the cameras' image-down directions; 1 if all agree."""
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,18 @@ def world_up(R: Float64) -> Float64:
 
     ZJU-MoCap's z axis points down; cameras stand upright on average, so the second rows of R say
     so for any sequence without being told.
+
+    Raises:
+        SourceError: the directions cancel out.
     """
-    down = R[:, 1].mean(axis=0)
+    down: Float64 = R[:, 1].mean(axis=0)
     length = float(np.linalg.norm(down))
-    if length < 0.1:
-        return np.array([0.0, 0.0, -1.0])
-    up: Float64 = -down / length
-    return up
+    if length < LEAST_AGREEMENT:
+        raise SourceError(
+            "The cameras' image-down directions cancel out, so up is unknown: do some of the "
+            "cameras stand upside down?"
+        )
+    return -down / length
 
 
 def _camera_arrays(

@@ -137,8 +137,11 @@ def _body_fits(
 
 
 def _readable_vertices(folder: Path, frame: int, model: BodyModel) -> types.Float64 | None:
+    path = fit_file(folder, frame)
+    if path is None:
+        return None
     try:
-        return stored_vertices(fit_file(folder, frame), model)
+        return stored_vertices(path, model)
     except UserError:
         return None
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from actorsnerf_datasets.body_model import BodyModel
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.pickles import PickleError
 from actorsnerf_preprocess.source import Finding, SourceError
 from actorsnerf_preprocess.zju_fits import (
     fit_file,
@@ -89,18 +91,27 @@ def _errors(
 ) -> tuple[float, float] | None:
     """Largest vertex error, metres, with and without pose blend shapes; None: nothing to compare.
 
-    The largest over half of the frames, so that one bad file does not decide.
+    That of the better half of the frames, so that a bad file does not decide.
     """
     blended, plain = [], []
     for frame in frames:
         path = fit_file(root / folders.parameters, frame)
-        stored = stored_vertices(fit_file(root / folders.vertices, frame), model)
-        if stored is None or path is None:
+        vertices = fit_file(root / folders.vertices, frame)
+        if vertices is None or path is None:
             continue
-        fit = read_fit(path)
+        # A broken file is counted later, when all frames are read; it decides nothing here.
+        try:
+            fit = read_fit(path)
+        except UserError:
+            continue
+        try:
+            stored = stored_vertices(vertices, model)
+        except PickleError:
+            continue
         blended.append(largest_distance(world_vertices(fit, model, True), stored))
         plain.append(largest_distance(world_vertices(fit, model, False), stored))
-    return (float(np.median(blended)), float(np.median(plain))) if blended else None
+    middle = (len(blended) - 1) // 2
+    return (sorted(blended)[middle], sorted(plain)[middle]) if blended else None
 
 
 def _choice(folders: FitFolders, blended: float, plain: float, refusals: list[str]) -> FitChoice:

@@ -81,16 +81,15 @@ def pose_without_root(fit: RawFit) -> types.Float64:
     return axis_angles
 
 
-def stored_vertices(path: Path | None, model: BodyModel) -> types.Float64 | None:
-    """The vertices (V, 3) of a file, metres, float64; None if there is no file.
+def stored_vertices(path: Path, model: BodyModel) -> types.Float64:
+    """The vertices (V, 3) of a file, metres, float64.
 
     Raises:
+        PickleError: the file is damaged.
         SourceError: the file holds something else, or another number of vertices than the model.
     """
-    if path is None:
-        return None
     content = load_npy(path)
-    if not isinstance(content, np.ndarray) or content.dtype.kind != "f":
+    if not isinstance(content, np.ndarray) or content.dtype.kind != "f" or content.size % 3:
         raise SourceError(f"{path}: expected an array of vertices (V, 3).")
     vertices = content.reshape(-1, 3).astype(np.float64)
     if len(vertices) != len(model.template):

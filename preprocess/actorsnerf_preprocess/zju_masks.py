@@ -24,10 +24,17 @@ class Listing:
         self._folders: dict[str, frozenset[str]] = {}
 
     def names(self, folder: str) -> frozenset[str]:
-        """Names in a folder given below the root; none if it does not exist."""
+        """Names in a folder given below the root; none if it does not exist.
+
+        Raises:
+            SourceError: the folder may not be read.
+        """
         if folder not in self._folders:
             path = self._root / folder
-            names = (entry.name for entry in path.iterdir()) if path.is_dir() else ()
+            try:
+                names = [entry.name for entry in path.iterdir()] if path.is_dir() else []
+            except OSError as error:
+                raise SourceError(f"{path}: cannot be read ({error.strerror}).") from error
             self._folders[folder] = frozenset(names)
         return self._folders[folder]
 

@@ -9,7 +9,7 @@ import pytest
 
 from actorsnerf_datasets.cameras import camera_from_world, project
 from actorsnerf_preprocess.pictures import Crop, lens_of, stored_camera
-from actorsnerf_preprocess.probes import crop_size, placed_crop, probe_picture
+from actorsnerf_preprocess.probes import area_jumps, crop_size, placed_crop, probe_picture
 from actorsnerf_preprocess.source import OpenOptions, SourceSequence
 from actorsnerf_preprocess.zju import find_zju, open_zju
 
@@ -108,6 +108,17 @@ def test_missing_and_truncated_files_are_named(source: SourceSequence) -> None:
     assert (probe(source).reason, probe(source).where) == ("truncated", str(mask))
     image.unlink()
     assert (probe(source).reason, probe(source).where) == ("missing", str(image))
+
+
+def test_a_mask_that_jumps_in_area_is_named(source: SourceSequence) -> None:
+    usual = probe(source)
+    row = [replace(usual, frame=frame, area=0.1 + 0.001 * frame) for frame in range(20)]
+    assert area_jumps(row) == ()
+    row[7] = replace(row[7], area=0.04)
+    row[13] = replace(row[13], area=0.2)
+    assert [jump.frame for jump in area_jumps(row)] == [7, 13]
+    other = [replace(one, camera=1, area=0.5) for one in row]
+    assert [jump.camera for jump in area_jumps(row + other)] == [0, 0]
 
 
 def test_crop_sizes_are_multiples_of_eight_with_a_margin() -> None:

@@ -125,3 +125,5 @@ def test_up_is_minus_the_mean_of_the_image_down_directions() -> None:
     tilted = np.array([[1.0, 0, 0], [0, 0.8, 0.6], [0, -0.6, 0.8]])
     mirrored = np.array([[1.0, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
     assert np.allclose(world_up(np.stack([tilted, mirrored])), [0, -1, 0])
+    with pytest.raises(SourceError, match="up is unknown"):
+        world_up(np.stack([np.eye(3), np.diag([1.0, -1, -1])]))

@@ -76,8 +76,11 @@ def test_a_bad_new_fit_gives_way_to_a_good_old_one_with_a_warning(tree: Any) -> 
     assert "new_params: rebuilt vertices differ" in choice.findings[0].sentence
 
 
-def test_one_bad_file_does_not_decide(tree: Any) -> None:
+def test_bad_files_do_not_decide(tree: Any) -> None:
     np.save(tree.root / "new_vertices" / "0.npy", np.zeros((192, 3), np.float32))
+    (tree.root / "new_vertices" / "1.npy").write_bytes(b"\x93NUMPY cut off")
+    (tree.root / "new_params" / "2.npy").write_bytes(b"cut off")
+    np.save(tree.root / "new_vertices" / "3.npy", np.load(tree.root / "new_vertices" / "3.npy"))
     assert chosen(tree).folders.parameters == "new_params"
 
 

@@ -100,4 +100,6 @@ def test_vertices_of_another_body_are_refused(tmp_path: Path, tiny_body: Path) -
     np.save(tmp_path / "0.npy", np.asarray({}), allow_pickle=True)
     with pytest.raises(SourceError, match="expected an array of vertices"):
         stored_vertices(tmp_path / "0.npy", model)
-    assert stored_vertices(None, model) is None
+    np.save(tmp_path / "0.npy", np.zeros(200))
+    with pytest.raises(SourceError, match="expected an array of vertices"):
+        stored_vertices(tmp_path / "0.npy", model)
