@@ -23,10 +23,11 @@ def posed_frames(
     local = matrix_from_axis_angle(pose)
     rotations: list[Tensor] = [local[..., 0, :, :]]
     places: list[Tensor] = [rest_joints[..., 0, :]]
-    for joint, parent in enumerate(PARENTS[1:], start=1):
-        offset = rest_joints[..., joint, :] - rest_joints[..., parent, :]
-        rotations.append(rotations[parent] @ local[..., joint, :, :])
-        places.append((rotations[parent] @ offset[..., None])[..., 0] + places[parent])
+    with torch.autocast(pose.device.type, enabled=False):  # half a precision is a centimetre off
+        for joint, parent in enumerate(PARENTS[1:], start=1):
+            offset = rest_joints[..., joint, :] - rest_joints[..., parent, :]
+            rotations.append(rotations[parent] @ local[..., joint, :, :])
+            places.append((rotations[parent] @ offset[..., None])[..., 0] + places[parent])
     return torch.stack(rotations, -3), torch.stack(places, -2)
 
 
@@ -49,8 +50,10 @@ def bone_motions(
     """
     rotation, place = posed_frames(pose, rest_joints)
     back = rotation.transpose(-1, -2)
-    canonical_from_body = _rigid(back, canonical_joints - (back @ place[..., None])[..., 0])
-    carried = (rotation @ canonical_joints[..., None])[..., 0]
+    with torch.autocast(pose.device.type, enabled=False):
+        returned = (back @ place[..., None])[..., 0]
+        carried = (rotation @ canonical_joints[..., None])[..., 0]
+    canonical_from_body = _rigid(back, canonical_joints - returned)
     return canonical_from_body, _rigid(rotation, place - carried)
 
 

@@ -73,3 +73,12 @@ def test_bounds_reach_thirty_centimetres_beyond_the_joints(rest_joints: torch.Te
     bounds = observation_bounds(rest_joints)
     expected = torch.tensor([[-1.06, -1.46, -0.36], [1.06, 0.68, 0.39]], dtype=torch.float64)
     torch.testing.assert_close(bounds, expected, rtol=0, atol=1e-12)
+
+
+def test_autocast_leaves_the_bones_alone(
+    generator: torch.Generator, rest_joints: torch.Tensor
+) -> None:
+    pose, joints = random_pose(generator).float(), rest_joints.float()
+    with torch.autocast("cpu", torch.bfloat16):
+        inside = bone_motions(pose, joints, joints)
+    torch.testing.assert_close(inside, bone_motions(pose, joints, joints), rtol=0, atol=0)
