@@ -58,7 +58,7 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
         folder = root / f"CoreView_{performance.name}"
         _write_actor(folder, performance, renderer, options, progress)
         if performance.role == "held_out":
-            held_out.append(performance.name)
+            held_out.append(folder.name)
     (root / HELD_OUT).write_text("".join(f"{name}\n" for name in held_out))
     sign = {"generator": "actorsnerf synthetic", "format": "ZJU-MoCap", "seed": options.seed}
     (root / SIGN).write_text(json.dumps(sign, indent=2) + "\n")
