@@ -130,11 +130,14 @@ def _cameras(
     tree: ZjuTree,
 ) -> tuple[tuple[SourceCamera, ...], list[Finding], list[str]]:
     cameras, findings, rescaled = [], [], 0
+    sizes = [_size(tree, index) for index in range(len(tree.camera_names))]
     for index, name in enumerate(tree.camera_names):
-        size = _size(tree, index)
+        size = sizes[index]
         if size is None:
-            size = (RELEASED_SIZE, RELEASED_SIZE)
-            findings.append(Finding("warning", name, "No picture of this camera is readable."))
+            # Often only the protocol's cameras are downloaded; a stage's cameras are alike.
+            size = next((other for other in sizes if other), (RELEASED_SIZE, RELEASED_SIZE))
+            sentence = f"No picture of this camera is readable; {size[0]} x {size[1]} is assumed."
+            findings.append(Finding("warning", name, sentence))
         K = tree.annotations.K[index]
         if not _is_centred(K, size) and _is_centred(K, (RELEASED_SIZE, RELEASED_SIZE)):
             # The pictures were resized, K was not; a half pixel is below its accuracy here but
