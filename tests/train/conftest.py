@@ -1,5 +1,6 @@
 """Three small invented people in prepared files, and short trainings on them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -236,36 +237,21 @@ def config() -> TrainConfig:
     )
 
 
-class MakeTraining:
-    """Trainings on ann and ben in folders of one's choice."""
+@pytest.fixture
+def make_training(people: People) -> Callable[[Path, TrainConfig], Training]:
+    """Makes trainings on ann and ben in folders of one's choice."""
+    files = (people.ann, people.ben)
+    data = tuple(DataFile(str(path), path.stem, path.stem, "0" * 64) for path in files)
 
-    def __init__(self, people: People) -> None:
-        self.people = people
-
-    def __call__(self, run: Path, config: TrainConfig) -> Training:
-        files = (self.people.ann, self.people.ben)
+    def make(run: Path, config: TrainConfig) -> Training:
+        drawing = (config.seed, config.model.views, config.patches.count, config.patches.side)
+        origin = Origin("resnet18", False, None, None, ())
         return Training(
-            folder=RunFolder(
-                run,
-                config,
-                tuple(DataFile(str(path), path.stem, path.stem, "0" * 64) for path in files),
-                None,
-                Origin("resnet18", False, None, None, ()),
-            ),
+            folder=RunFolder(run, config, data, None, origin),
             method=build_method(config, torch.device("cpu")),
-            source=PretrainingDataset(
-                files,
-                config.seed,
-                config.model.views,
-                config.patches.count,
-                config.patches.side,
-                config.schedule.steps,
-            ),
+            source=PretrainingDataset(files, *drawing, config.schedule.steps),
             perceptual=Perceptual(None),
             device=torch.device("cpu"),
         )
 
-
-@pytest.fixture
-def make_training(people: People) -> MakeTraining:
-    return MakeTraining(people)
+    return make

@@ -1,4 +1,6 @@
 from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
 
 import pytest
 import torch
@@ -14,11 +16,17 @@ from actorsnerf_train.batches import (
     sample_stream,
 )
 
+
+class People(Protocol):
+    ann: Path
+    ben: Path
+
+
 CPU = torch.device("cpu")
 
 
 @pytest.fixture
-def source(people) -> PretrainingDataset:  # type: ignore[no-untyped-def]  # a fixture's class
+def source(people: People) -> PretrainingDataset:
     return PretrainingDataset((people.ann, people.ben), 0, 3, 1, 16, 10)
 
 

@@ -1,0 +1,42 @@
+import pytest
+
+from actorsnerf_train.config import PresetName, Rates, fewshot, from_scratch, pretraining
+from actorsnerf_train.schedule import count, open_bands
+
+PRESETS: tuple[PresetName, ...] = ("official", "small", "small-vgg", "tiny")
+
+
+def test_official_numbers_are_the_published_ones() -> None:
+    config = pretraining("official")
+    assert (config.schedule.steps, count(config.schedule, 123)) == (200_000, 123)
+    assert (config.losses.perceptual, config.losses.squared_error, config.losses.skinning) == (
+        1.0,
+        0.2,
+        0.01,
+    )
+    assert (config.patches.count, config.patches.side, config.render.samples) == (4, 32, 128)
+    assert config.rates == Rates(5e-4, 5e-5, 5e-5, 5e-4, 5e-4, 1.0)
+    few = fewshot("official")
+    assert (few.schedule.steps, few.patches.count, few.losses.skinning) == (300_000, 2, 0.0)
+    assert [count(few.schedule, step) for step in (0, 300_000)] == [100_000, 400_000]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_differ_in_sizes_not_in_the_method(preset: PresetName) -> None:
+    pre, few = pretraining(preset), fewshot(preset)
+    assert pre.model == few.model
+    assert (pre.stage, few.stage) == ("pretrain", "fewshot")
+    assert (pre.freeze_category, few.freeze_category) == (False, True)
+    assert pre.losses == pretraining("official").losses
+    assert few.losses == fewshot("official").losses
+    octaves = pre.model.deformation_net.octaves
+    assert open_bands(pre.schedule, 0, octaves) == 0
+    assert open_bands(pre.schedule, pre.schedule.steps // 2, octaves) == octaves
+    assert open_bands(few.schedule, 0, octaves) == octaves
+
+
+def test_from_scratch_everything_learns_from_count_zero() -> None:
+    config = from_scratch(fewshot("small"))
+    assert config.schedule.steps == fewshot("small").schedule.steps
+    assert (config.schedule.first_count, config.freeze_category) == (0, False)
+    assert config.losses.skinning == 0.01

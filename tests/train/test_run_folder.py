@@ -1,0 +1,57 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.checkpoint import DataFile, Origin
+from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.run_folder import CONFIG, RunFolder, first_difference, package_versions
+
+
+@pytest.fixture
+def folder(tmp_path: Path, config: TrainConfig) -> RunFolder:
+    data = (DataFile("a/x.h5", "walk", "ann", "ab"),)
+    return RunFolder(tmp_path / "run", config, data, None, Origin(None, False, None, None, ()))
+
+
+def test_a_new_run_says_what_it_is(folder: RunFolder) -> None:
+    assert folder.open(write=True) is None
+    record = json.loads((folder.path / CONFIG).read_text())
+    assert record["configuration"]["schedule"]["steps"] == 8
+    assert record["data"] == [["walk", "ann", "ab"]]
+    assert record["program"]["versions"]["torch"] is not None
+    assert folder.open(write=True) is None
+
+
+def test_a_process_that_does_not_lead_writes_nothing(folder: RunFolder) -> None:
+    assert folder.open(write=False) is None
+    assert not folder.path.exists()
+
+
+def test_another_run_is_refused(folder: RunFolder) -> None:
+    folder.open(write=True)
+    other = replace(folder, config=replace(folder.config, seed=5))
+    with pytest.raises(UserError, match=r"another run \(configuration/seed is 0 there, 5 asked\)"):
+        other.open(write=True)
+    other = replace(folder, data=(DataFile("a/x.h5", "walk", "ann", "cd"),))
+    with pytest.raises(UserError, match="choose another --run"):
+        other.open(write=True)
+
+
+def test_moved_data_is_the_same_data(folder: RunFolder) -> None:
+    folder.open(write=True)
+    replace(folder, data=(DataFile("b/y.h5", "walk", "ann", "ab"),)).open(write=True)
+
+
+def test_differences_are_found_inside() -> None:
+    assert first_difference({"a": {"b": 1}}, {"a": {"b": 1}}, "") is None
+    assert first_difference({}, {"a": {"b": 1}}, "") == "a is None there, {'b': 1} asked"
+
+
+def test_packages_that_are_not_installed_have_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("actorsnerf_train.run_folder.PACKAGES", ("torch", "no-such-package"))
+    versions = package_versions()
+    assert versions["no-such-package"] is None
+    assert isinstance(versions["torch"], str)
