@@ -5,13 +5,13 @@ OUT ?= data/prepared
 PRESET ?= small
 METHOD ?= actorsnerf
 PROTOCOL ?= fewshot-10
-LIST ?= official
+LIST ?=
 WORKERS ?= 2
 BODY_MODEL ?=
 DEMO ?= data/demo
 SOURCE ?=
 
-.PHONY: help setup prepare inspect pretrain fewshot evaluate demo test test-all check format lint types wheel bench clean
+.PHONY: help setup prepare inspect pretrain fewshot evaluate render demo test test-all check format lint types wheel bench clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -28,11 +28,14 @@ prepare: setup  ## raw download to HDF5: SOURCE= [OUT= BODY_MODEL= WORKERS=]
 pretrain: setup  ## category-level training: RUN= [DATA= PRESET= METHOD=]
 	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET) --method $(METHOD)
 
-fewshot: setup  ## fit a new actor: DATA=FILE FROM=RUN RUN= [PROTOCOL= LIST= PRESET=]
-	@$(PY) -m actorsnerf_train fewshot --data "$(DATA)" --from "$(FROM)" --run "$(RUN)" --protocol $(PROTOCOL) --list $(LIST) --preset $(PRESET)
+fewshot: setup  ## fit a new actor: DATA=FILE FROM=RUN RUN= [PROTOCOL= LIST=official|auto]
+	@$(PY) -m actorsnerf_train fewshot --data "$(DATA)" --from "$(FROM)" --run "$(RUN)" --protocol $(PROTOCOL) $(if $(LIST),--list $(LIST))
 
 evaluate: setup  ## unseen poses and views: RUN= DATA=FILE
-	@$(PY) -m actorsnerf_train evaluate --run "$(RUN)" --data "$(DATA)"
+	@$(PY) -m actorsnerf_train evaluate --checkpoint "$(RUN)" --data "$(DATA)" --out "$(RUN)/evaluation"
+
+render: setup  ## a turntable of a fitted actor: RUN=
+	@$(PY) -m actorsnerf_train render --checkpoint "$(RUN)" --out "$(RUN)/turntable"
 
 demo: setup  ## everything, on synthetic actors (or SOURCE=): pictures in data/demo
 	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
