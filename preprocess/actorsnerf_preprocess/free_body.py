@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from actorsnerf_datasets.body_model import BodyModel, load_body_model
 from actorsnerf_datasets.skeleton import PARENTS
 from actorsnerf_datasets.types import Float32, Float64, Int64
@@ -53,7 +54,7 @@ def free_body_path() -> Path:
 
 
 def free_body() -> BodyModel:
-    """The free body: 13,524 vertices, SMPL's 24 joints, 10 shape coefficients, pose blend shapes."""
+    """The free body: 13,524 vertices, 24 joints, 10 shape coefficients, pose blend shapes."""
     return load_body_model(free_body_path())
 
 
@@ -79,7 +80,7 @@ def free_wardrobe() -> dict[str, Garment]:
 
 
 def write_tiny_body(path: Path) -> Path:
-    """Writes a SMPL-format .npz of 192 vertices, one box per joint, for quick tests; returns `path`.
+    """Writes a SMPL-format .npz of 192 vertices, a box per joint, for quick tests; returns `path`.
 
     It has the free body's joints, so poses and betas mean the same for both.
     """

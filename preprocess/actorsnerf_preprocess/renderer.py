@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.types import Float32, Float64, Int64, UInt8
 
