@@ -22,6 +22,7 @@ from actorsnerf_preprocess.sources import (
     find_sources,
     held_out_names,
     open_source,
+    require_known_actors,
     selected,
     survey_source,
 )
@@ -81,18 +82,24 @@ Command = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command; the exit code is 2, with one sentence on stderr, if the input is bad."""
+    """Runs a command; the exit code is 2, with one sentence on stderr, if the input is bad.
+
+    Interrupted by Ctrl-C it is 130.
+    """
     command = tyro.cli(Command, args=arguments, prog="actorsnerf-preprocess")
     try:
         return _prepare(command) if isinstance(command, Prepare) else _inspect(command)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("interrupted: run the same command again to go on", file=sys.stderr)
+        return 130
 
 
 def _inspect(reading: Reading) -> int:
     errors = 0
-    for found in selected(find_sources(reading.source), reading.sequences):
+    for found in _selected(reading):
         survey = survey_source(found, _options(reading))
         _print_survey(survey)
         errors += any(finding.severity == "error" for finding in survey.findings)
@@ -101,7 +108,8 @@ def _inspect(reading: Reading) -> int:
 
 
 def _prepare(command: Prepare) -> int:
-    found = selected(find_sources(command.source), command.sequences)
+    _require_sensible(command)
+    found = _selected(command)
     if command.list_needed:
         return _list_needed(command, found)
     options = _options(command)
@@ -119,6 +127,21 @@ def _prepare(command: Prepare) -> int:
         print(CHECK_NOTICE)
         print(f"next: python -m actorsnerf_datasets check {files}{' ...' if done[3:] else ''}")
     return 2 if refused else 0
+
+
+def _selected(reading: Reading) -> tuple[Found, ...]:
+    everything = find_sources(reading.source)
+    require_known_actors(reading.held_out, everything)
+    return selected(everything, reading.sequences)
+
+
+def _require_sensible(command: Prepare) -> None:
+    if not 0 < command.scale <= 1:
+        raise SourceError(
+            f"--scale {command.scale:g}: expected more than 0 and at most 1, such as 0.5."
+        )
+    if command.workers < 1:
+        raise SourceError(f"--workers {command.workers}: expected 1 or more processes.")
 
 
 def _prepare_one(

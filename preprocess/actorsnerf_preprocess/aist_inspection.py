@@ -79,7 +79,7 @@ def _ignore_findings(sequence: str, tree: AistTree, options: OpenOptions) -> tup
     if options.ignored == "refuse":
         raise SourceError(
             f"{tree.ignore_list}: lists {sequence}; the authors of AIST++ found its fit wrong and"
-            " ask to leave it out. Choose another sequence, or pass --ignored accept."
+            " ask to leave it out. Choose another sequence, or pass --accept-ignored."
         )
     sentence = f"{sequence} is on the ignore list of the data set and was accepted."
     return (Finding("warning", "ignore_list.txt", sentence),)

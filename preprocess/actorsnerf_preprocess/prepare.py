@@ -29,6 +29,7 @@ from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
 from actorsnerf_preprocess.probes import Probe, area_jumps, crop_size, placed_crop
 from actorsnerf_preprocess.resume import pictures_digest, settings_digest
 from actorsnerf_preprocess.run_report import (
+    LIKELY_CAUSES,
     CameraReport,
     Report,
     finished_settings,
@@ -201,8 +202,10 @@ def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptio
     if not usable.any():
         reasons = unusable_pictures((p.reason, p.where) for p in probes)
         first = f"{reasons[0].count} x {reasons[0].reason} ({reasons[0].example})"
+        cause = LIKELY_CAUSES.get(reasons[0].reason, "look at that file")
         raise SourceError(
-            f"{source.found.path}: none of the {len(probes)} pictures asked for is usable: {first}."
+            f"{source.found.path}: none of the {len(probes)} pictures asked for is usable: {first}:"
+            f" {cause}"
         )
     notes = [*source.notes, *_probe_notes(probes)]
     listed: list[Protocol] = []

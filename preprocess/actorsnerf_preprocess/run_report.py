@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from actorsnerf_preprocess.source import Finding
+from actorsnerf_preprocess.source import Finding, SourceError
 
 LOW_INSIDE = 0.9
 """A camera whose projected bodies lie less inside their masks than this is worth a look."""
@@ -17,6 +17,16 @@ CHECK_NOTICE = (
     "The readers of ZJU-MoCap and AIST++ were built to the documented formats and never run on an "
     "original archive; please run `python -m actorsnerf_datasets check` on the prepared file."
 )
+
+
+LIKELY_CAUSES = {
+    "no mask": "put mask/ or mask_cihp/ of the archive beside the pictures, or pass --masks",
+    "mask elsewhere": "do cameras, fits and pictures belong together, in their units and order?",
+    "body outside the picture": "are cameras and fits those of these pictures, in their units?",
+    "empty mask": "was the segmentation run on these pictures?",
+    "missing": "were the pictures of this sequence downloaded?",
+}
+"""Why pictures may be unusable for a reason, or what to do."""
 
 
 @dataclass(frozen=True)
@@ -110,13 +120,23 @@ def finding_lines(findings: Iterable[Finding]) -> list[str]:
 
 
 def write_report(path: Path, report: Report) -> None:
-    """The report as JSON, complete or not at all."""
+    """The report as JSON, complete or not at all.
+
+    Raises:
+        SourceError: the disk refuses.
+    """
     part = path.with_name(path.name + ".part")
-    with part.open("w") as file:
-        json.dump(asdict(report), file, indent=1)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    try:
+        with part.open("w") as file:
+            json.dump(asdict(report), file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise SourceError(
+            f"{path}: could not be written ({error}): is the disk full? Run the same command again."
+        ) from error
 
 
 def finished_settings(path: Path) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
-from actorsnerf_preprocess.aist_names import expanded_selection
+from actorsnerf_preprocess.aist_names import dancer_of, expanded_selection
 from actorsnerf_preprocess.source import Found, OpenOptions, SourceError, SourceSequence, Survey
 from actorsnerf_preprocess.zju import find_zju, open_zju, survey_zju
 from actorsnerf_preprocess.zju_converted import is_converted_tree
@@ -76,11 +76,37 @@ def open_source(found: Found, options: OpenOptions) -> SourceSequence:
 
 
 def held_out_names(root: Path, given: Sequence[str]) -> tuple[str, ...]:
-    """The names of held-out actors: those given, else those in the source's `held_out.txt`."""
+    """The names of held-out actors: those given, else those in the source's `held_out.txt`.
+
+    Raises:
+        SourceError: `held_out.txt` cannot be read.
+    """
     path = root / HELD_OUT_FILE
     if given or not path.is_file():
         return tuple(given)
-    return tuple(line.strip() for line in path.read_text().splitlines() if line.strip())
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SourceError(
+            f"{path}: cannot be read as text ({error}); it names one held-out actor per line."
+        ) from error
+    return tuple(line.strip() for line in lines if line.strip())
+
+
+def require_known_actors(names: Sequence[str], found: Sequence[Found]) -> None:
+    """Nothing, if each name is that of a sequence or of an actor.
+
+    Raises:
+        SourceError: a name is neither; its actor would silently count as pre-training.
+    """
+    known: set[str] = set()
+    for each in found:
+        subject = subject_of(each.name)
+        known |= {each.name, subject, f"zju-{subject}", dancer_of(each.name)}
+    for name in names:
+        if name not in known:
+            there = ", ".join(each.name for each in found[:8]) + (", ..." if found[8:] else "")
+            raise SourceError(f"--held-out {name}: no such actor or sequence; there are {there}.")
 
 
 def _is_zju(found: Found) -> bool:

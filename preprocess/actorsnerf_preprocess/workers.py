@@ -6,10 +6,13 @@ so that local processes and those of a cluster with the same file system read it
 
 import hashlib
 import multiprocessing
+import os
 import pickle
+import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -92,7 +95,7 @@ def team(workers: int) -> Iterator[Executor | None]:
         yield None
         return
     context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread)
+    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
     try:
         yield executor
     finally:
@@ -105,10 +108,29 @@ def in_order(
     tasks: Iterable[Task],
     ahead: int,
 ) -> Iterator[Result]:
-    """The results in the order of the tasks; at most `ahead` tasks are under way."""
+    """The results in the order of the tasks; at most `ahead` tasks are under way.
+
+    Raises:
+        SourceError: a worker process was killed.
+    """
     if executor is None:
         yield from map(function, tasks)
         return
+    try:
+        yield from _results(executor, function, tasks, ahead)
+    except BrokenExecutor as error:
+        raise SourceError(
+            "A worker process was killed, perhaps because memory ran out; finished files are kept: "
+            "run the same command again, with fewer --workers."
+        ) from error
+
+
+def _results(
+    executor: Executor,
+    function: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    ahead: int,
+) -> Iterator[Result]:
     waiting: deque[Future[Result]] = deque()
     for task in tasks:
         waiting.append(executor.submit(function, task))
@@ -125,5 +147,16 @@ def _write(path: Path, content: bytes) -> None:
         raise SourceError(f"{path}: could not be written ({error}): is the disk full?") from error
 
 
-def _one_thread() -> None:
+def _start_worker() -> None:
+    """One OpenCV thread; Ctrl-C is the parent's business; the end of the parent is the end."""
     cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed parent cannot stop its workers, and they would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -196,7 +196,8 @@ def protocol_of(
     official = protocols.zju_protocol(subject_of(found.path.name), list(cameras), numbers)
     if official is not None and found.dataset != "synthetic":
         return official
-    held_out = {found.name, found.path.name, _actor(found)} & set(options.held_out)
+    names = {found.name, found.path.name, _actor(found), subject_of(found.path.name)}
+    held_out = names & set(options.held_out)
     role: Role = "held_out" if held_out else "pretraining"
     return protocols.generic_protocol(role, list(cameras), numbers)
 
