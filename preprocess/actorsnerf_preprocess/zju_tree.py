@@ -50,12 +50,12 @@ class ZjuTree:
 
 
 def subject_of(name: str) -> str:
-    """The subject's number in a folder's name, or the name itself.
+    """The subject in a folder's name: what follows `CoreView_` or `my_`, or the name itself.
 
-    >>> subject_of("CoreView_387"), subject_of("my_377"), subject_of("aunt")
-    ('387', '377', 'aunt')
+    >>> subject_of("CoreView_387"), subject_of("my_377"), subject_of("387"), subject_of("aunt")
+    ('387', '377', '387', 'aunt')
     """
-    match = re.fullmatch(r"(?:CoreView[_-]?|my[_-]|zju[_-]?)?(\d{3})", name, re.IGNORECASE)
+    match = re.fullmatch(r"(?:CoreView|my|zju)[_-](.+)", name, re.IGNORECASE)
     return match[1] if match else name
 
 
