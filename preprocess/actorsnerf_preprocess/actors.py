@@ -3,13 +3,20 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from actorsnerf_datasets import body_model, conventions
 from actorsnerf_datasets.skeleton import joint_transforms
 from actorsnerf_datasets.types import Float32, Float64, Int64, Role, UInt8
 from actorsnerf_preprocess.atlas import SeamedMesh, cut_seams, texel_values
-from actorsnerf_preprocess.cloth_regions import CIHP, cihp_labels, cloth_depth, in_hair
+from actorsnerf_preprocess.cloth_regions import (
+    CIHP_HAIR,
+    CIHP_SKIRT,
+    cihp_labels,
+    cloth_depth,
+    in_hair,
+)
 from actorsnerf_preprocess.free_body import (
     Atlas,
     Garment,
@@ -241,13 +248,15 @@ def _subdivided(garment: Garment) -> Garment:
         refined(garment.shape_directions, edges),
         refined(garment.weights, edges),
         faces,
-        Atlas(refined(garment.atlas.uv, uv_edges), uv_faces),
+        Atlas(refined(garment.atlas.uv.astype(np.float64), uv_edges).astype(np.float32), uv_faces),
     )
 
 
-def _parts(wear: Wear, labels: UInt8, kept: Float64 | None = None) -> tuple[tuple[int, Int64], ...]:
-    """The seamed faces by label; `kept` (F,) drops faces where it is zero."""
-    chosen = np.ones(len(labels), dtype=bool) if kept is None else kept.astype(bool)
+def _parts(
+    wear: Wear, labels: UInt8, kept: NDArray[np.bool_] | None = None
+) -> tuple[tuple[int, Int64], ...]:
+    """The seamed faces by label; `kept` (F,) says which faces there are."""
+    chosen = np.ones(len(labels), dtype=bool) if kept is None else kept
     return tuple(
         (int(label), wear.mesh.faces[chosen & (labels == label)])
         for label in np.unique(labels[chosen])
@@ -276,7 +285,7 @@ def _suit_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
     over_hem = np.clip((garment.template[:, 1] - outfit.top_hem) / 0.01, 0.0, 1.0)
     worn = outfit.bottom_ease + (outfit.top_ease - outfit.bottom_ease) * over_hem
     ease = np.where(depth > HEM, worn, HIDDEN + (worn - HIDDEN) * np.clip(depth / HEM + 0.9, 0, 1))
-    visible = (depth > -HEM)[garment.faces].any(axis=1)
+    visible: NDArray[np.bool_] = np.any((depth > -HEM)[garment.faces], axis=1)
     labels = cihp_labels(_middles(garment), outfit)
     return Layer(
         studio.suit, ease, np.zeros(len(ease)), _parts(studio.suit, labels, visible), paint
@@ -287,8 +296,8 @@ def _skirt_layer(studio: Studio, paint: Paint) -> Layer:
     garment = studio.skirt.garment
     height = garment.template[:, 1]
     hanging = np.clip((-0.25 - height) / 0.3, 0.0, 1.0)
-    kept = (_middles(garment)[:, 1] > SKIRT_END).astype(np.float64)
-    labels = np.full(len(garment.faces), CIHP["skirt"], dtype=np.uint8)
+    kept = _middles(garment)[:, 1] > SKIRT_END
+    labels = np.full(len(garment.faces), CIHP_SKIRT, dtype=np.uint8)
     parts = _parts(studio.skirt, labels, kept)
     return Layer(studio.skirt, 0.012 + 0.05 * hanging, LAG_SHARE * hanging, parts, paint)
 
@@ -297,8 +306,8 @@ def _hair_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
     garment = studio.hair.garment
     middles = _middles(garment)
     in_face = (middles[:, 2] > 0.075) & (middles[:, 1] < 0.5)
-    kept = ((middles[:, 1] > HAIR_ENDS[outfit.hair_style]) & ~in_face).astype(np.float64)
+    kept = (middles[:, 1] > HAIR_ENDS[outfit.hair_style]) & ~in_face
     loose = np.clip((0.3 - garment.template[:, 1]) / 0.25, 0.0, 1.0)
-    labels = np.full(len(garment.faces), CIHP["hair"], dtype=np.uint8)
+    labels = np.full(len(garment.faces), CIHP_HAIR, dtype=np.uint8)
     ease = np.zeros(len(loose))
     return Layer(studio.hair, ease, LAG_SHARE * loose, _parts(studio.hair, labels, kept), paint)

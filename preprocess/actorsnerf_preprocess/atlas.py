@@ -52,7 +52,8 @@ def texel_values(vertex_values: Float64, faces: Int64, atlas: Atlas, size: int) 
         )
         empty[rows, columns] = False
     nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
-    return values[tuple(nearest)]
+    filled: Float32 = values[tuple(nearest)]
+    return filled
 
 
 def _barycentric_grid(count: int) -> Float64:

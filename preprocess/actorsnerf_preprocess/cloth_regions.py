@@ -19,19 +19,11 @@ ARM_UNDERSIDE = 0.06
 HAIRLINE_Z = (-0.08, 0.0, 0.045, 0.085, 0.12)
 HAIRLINE_Y = (0.325, 0.345, 0.40, 0.462, 0.478)
 EAR_X, EAR_Y = 0.069, 0.425
-CIHP = {
-    "hair": 2,
-    "top": 5,
-    "trousers": 9,
-    "torso": 10,
-    "skirt": 12,
-    "face": 13,
-    "arm": (14, 15),
-    "leg": (16, 17),
-    "shoe": (18, 19),
-}
-"""Part labels of the CIHP data set, which ZJU-MoCap's masks use; pairs are (left, right)."""
-_CHIN = 0.29
+CIHP_HAIR, CIHP_TOP, CIHP_TROUSERS, CIHP_TORSO, CIHP_SKIRT, CIHP_FACE = 2, 5, 9, 10, 12, 13
+"""Part labels of the CIHP data set, which ZJU-MoCap's masks use."""
+CIHP_ARM, CIHP_LEG, CIHP_SHOE = (14, 15), (16, 17), (18, 19)
+"""Left and right."""
+_CHIN, _HIPS = 0.29, -0.3
 
 
 def on_arm(points: Float64) -> NDArray[np.bool_]:
@@ -43,7 +35,9 @@ def in_hair(points: Float64) -> NDArray[np.bool_]:
     """Whether points lie on the hairy part of the head."""
     x, y, z = np.moveaxis(points, -1, 0)
     ear = (np.abs(x) > EAR_X) & (y < EAR_Y)
-    return (y > np.interp(z, HAIRLINE_Z, HAIRLINE_Y)) & ~ear
+    above: NDArray[np.bool_] = y > np.interp(z, HAIRLINE_Z, HAIRLINE_Y)
+    hairy: NDArray[np.bool_] = above & ~ear
+    return hairy
 
 
 def cloth_depth(points: Float64, outfit: Outfit) -> Float64:
@@ -72,13 +66,16 @@ def cihp_labels(points: Float64, outfit: Outfit) -> UInt8:
     """CIHP part labels of points."""
     x, y, _ = np.moveaxis(points, -1, 0)
     right = (x < 0).astype(np.uint8)
-    labels = np.full(points.shape[:-1], CIHP["torso"], dtype=np.uint8)
-    labels[y > _CHIN] = CIHP["face"]
-    labels = np.where(on_arm(points), np.array(CIHP["arm"], dtype=np.uint8)[right], labels)
-    labels = np.where(y < -0.3, np.array(CIHP["leg"], dtype=np.uint8)[right], labels)
     region = region_of(points, outfit)
-    labels[region == TOP] = CIHP["top"]
-    labels[region == BOTTOM] = CIHP["trousers"]
-    labels[region == HAIR] = CIHP["hair"]
-    shoes = np.array(CIHP["shoe"], dtype=np.uint8)[right]
-    return np.where(region == SHOE, shoes, labels).astype(np.uint8)
+    labels = np.full(points.shape[:-1], CIHP_TORSO, dtype=np.uint8)
+    for where, label in (
+        (y > _CHIN, CIHP_FACE),
+        (on_arm(points), np.array(CIHP_ARM)[right]),
+        (y < _HIPS, np.array(CIHP_LEG)[right]),
+        (region == TOP, CIHP_TOP),
+        (region == BOTTOM, CIHP_TROUSERS),
+        (region == HAIR, CIHP_HAIR),
+        (region == SHOE, np.array(CIHP_SHOE)[right]),
+    ):
+        labels = np.where(where, label, labels).astype(np.uint8)
+    return labels

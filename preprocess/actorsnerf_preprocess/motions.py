@@ -128,7 +128,8 @@ class _Waves:
         share = self._rng.uniform(0.35, 0.65)
         beat = 2 * np.pi * self._tempo * slower * self._seconds
         signal: Float64 = share * np.sin(beat + phases[0])
-        return signal + (1 - share) * np.sin(beat * 0.618 + phases[1])
+        signal += (1 - share) * np.sin(beat * 0.618 + phases[1])
+        return signal
 
     def bump(self, slower: float = 1.0) -> Float64:
         """(F,) in [0, 1], smooth, near 0 half of the time."""

@@ -13,10 +13,11 @@ FRONT_MARK = (0.0, 0.085, 0.085)
 BACK_MARK = (0.0, 0.06, 0.115)
 WEAVE = 0.035
 """Standard deviation of a cloth's fine brightness noise."""
-EYE = (0.0309, 0.4052, 0.0950)
+EYE = (0.0276, 0.4196, 0.1313)
 """Middle of the left eyeball at rest."""
-EYE_RADIUS, IRIS_RADIUS, PUPIL_RADIUS = 0.0142, 0.0062, 0.0028
-LIPS = (0.0, 0.3365)
+WHITE, IRIS, PUPIL = (236, 236, 232), (94, 66, 44), (16, 14, 14)
+EYE_RADIUS, IRIS_RADIUS, PUPIL_RADIUS = 0.0150, 0.0062, 0.0028
+LIPS = (-0.001, 0.3615)
 _BODY_MIDDLE_Z = 0.03
 
 
@@ -38,7 +39,7 @@ def paint_person(positions: Float32, outfit: Outfit) -> UInt8:
     rng = np.random.default_rng(outfit.noise_seed)
     weave = rng.normal(0.0, WEAVE, points.shape[:2])
     colours *= 1.0 + (weave * cloth + _folds(points) * cloth)[..., None]
-    return np.clip(colours, 0, 255).astype(np.uint8)
+    return _texture(colours)
 
 
 def paint_fabric(positions: Float32, fabric: Fabric, noise_seed: int) -> UInt8:
@@ -48,12 +49,17 @@ def paint_fabric(positions: Float32, fabric: Fabric, noise_seed: int) -> UInt8:
     around = np.arctan2(points[..., 0], points[..., 2] - _BODY_MIDDLE_Z)
     pleats = 0.10 * np.sin(24 * around)
     shade = 1.0 + rng.normal(0.0, WEAVE, points.shape[:2]) + pleats
-    return np.clip(_fabric(points, fabric) * shade[..., None], 0, 255).astype(np.uint8)
+    return _texture(_fabric(points, fabric) * shade[..., None])
 
 
 def paint_hair(positions: Float32, colour: Colour) -> UInt8:
     """The texture (T, T, 3) of long hair."""
-    return np.clip(_hair(positions.astype(np.float64), colour), 0, 255).astype(np.uint8)
+    return _texture(_hair(positions.astype(np.float64), colour))
+
+
+def _texture(colours: Float64) -> UInt8:
+    texture: UInt8 = np.clip(colours, 0, 255).astype(np.uint8)
+    return texture
 
 
 def _fabric(points: Float64, fabric: Fabric) -> Float64:
@@ -139,24 +145,31 @@ def _skin(points: Float64, outfit: Outfit) -> Float64:
     x, y, z = np.moveaxis(points, -1, 0)
     skin = np.array(outfit.skin, dtype=np.float64)
     blush = 0.04 * np.sin(31 * x) * np.sin(37 * y) * np.sin(29 * z)
-    colours = skin * (1.0 + blush[..., None])
+    colours: Float64 = skin * (1.0 + blush[..., None])
     face = z > 0.08
     lips = face & (((x - LIPS[0]) / 0.024) ** 2 + ((y - LIPS[1]) / 0.009) ** 2 < 1)
     colours[lips & (y > 0.2)] = 0.72 * skin * [1.05, 0.75, 0.75]
     from_eye = np.hypot(np.abs(x) - EYE[0], y - EYE[1])
     brow = face & (np.abs(np.abs(x) - EYE[0]) < 0.019) & (np.abs(y - EYE[1] - 0.024) < 0.0045)
     colours[brow] = np.array(outfit.hair) * 0.8
-    return colours * np.where(face & (from_eye < 0.02), 0.88, 1.0)[..., None]
+    colours *= np.where(face & (from_eye < 0.02), 0.88, 1.0)[..., None]
+    eye = np.hypot(from_eye, z - EYE[2]) < EYE_RADIUS
+    for radius, colour in ((EYE_RADIUS, WHITE), (IRIS_RADIUS, IRIS), (PUPIL_RADIUS, PUPIL)):
+        colours[eye & (from_eye < radius)] = colour
+    return colours
 
 
 def _hair(points: Float64, colour: Colour) -> Float64:
     """Hair with strands that run down from the crown."""
     around = np.arctan2(points[..., 0], points[..., 2] - 0.02)
     strands = 0.10 * np.sin(45 * around + 9 * points[..., 1]) + 0.07 * np.sin(97 * around)
-    return np.array(colour, dtype=np.float64) * (1.0 + strands[..., None])
+    colours: Float64 = np.array(colour, dtype=np.float64) * (1.0 + strands[..., None])
+    return colours
 
 
 def _folds(points: Float64) -> Float64:
     """Slow brightness changes over cloth, as a share."""
     x, y, z = np.moveaxis(points, -1, 0)
-    return 0.05 * np.sin(23 * y + 11 * x) * np.sin(17 * z + 13 * x) + 0.03 * np.sin(51 * y + 19 * z)
+    wide: Float64 = 0.05 * np.sin(23 * y + 11 * x) * np.sin(17 * z + 13 * x)
+    wide += 0.03 * np.sin(51 * y + 19 * z)
+    return wide
