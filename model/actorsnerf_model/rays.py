@@ -13,6 +13,10 @@ from torch import Tensor
 from actorsnerf_model.projection import NEAR_PLANE
 from actorsnerf_model.states import Camera
 
+PARALLEL = 1e-12
+"""A direction's component under which a ray counts as parallel to a face: it drifts a nanometre in
+a kilometre, and the gradient, whose divisor is its square, stays finite in float32."""
+
 
 @dataclass(frozen=True)
 class Rays:
@@ -59,7 +63,7 @@ def intersect_box(rays: Rays, box: Float[Tensor, "2 3"]) -> Span:
     widens the box by 1 cm against rounding.
     """
     origin, directions = rays.origin, rays.directions
-    parallel = directions == 0
+    parallel = directions.abs() < PARALLEL
     divisor = torch.where(parallel, torch.ones_like(directions), directions)
     low, high = (box[0] - origin) / divisor, (box[1] - origin) / divisor
     within = (origin >= box[0]) & (origin <= box[1])

@@ -98,7 +98,7 @@ def _bone_gaussian(
     # A bone without length has no direction; zero makes its Gaussian round.
     direction = bone / bone.norm().clamp(min=1e-8)
     away = grid - ends.mean(0)
-    along = away @ direction
+    along = (away * direction).sum(-1)  # no matrix product: autocast would halve its precision
     across = ((away * away).sum(-1) - along * along).clamp(min=0)
     return torch.exp(-across / (2 * sigmas[0]) ** 2 - (along / (2 * sigmas[1])) ** 2)
 

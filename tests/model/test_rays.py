@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from actorsnerf_model.projection import NEAR_PLANE, project
 from actorsnerf_model.rays import (
+    PARALLEL,
     Rays,
     draw_jitter,
     intersect_box,
@@ -95,6 +96,15 @@ def test_tiny_and_negative_components_change_little() -> None:
             assert span.far.item() == exact.far.item()
 
 
+def test_a_nearly_parallel_ray_has_a_finite_gradient_in_float32() -> None:
+    direction = torch.tensor([[1e-30, 0.0, 1.0]], requires_grad=True)
+    span = intersect_box(Rays(torch.tensor([0.25, 0.0, -3.0]), direction), BOX.float())
+    assert (span.near.item(), span.far.item()) == (2.5, 3.5)
+    (span.near + span.far).sum().backward()
+    assert direction.grad is not None
+    assert torch.isfinite(direction.grad).all()
+
+
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.floats(-4, 4), min_size=6, max_size=6))
 @example([-1.0, 0.0, 0.0, -9e-299, 0.0, 0.0])  # leaves a face too slowly for float64
@@ -106,7 +116,7 @@ def test_the_span_is_where_the_ray_is_inside(numbers: list[float]) -> None:
     well_inside = ((points > BOX[0] + 1e-9) & (points < BOX[1] - 1e-9)).all(-1)
     nearly_inside = ((points >= BOX[0] - 1e-9) & (points <= BOX[1] + 1e-9)).all(-1)
     within = (depth >= span.near) & (depth <= span.far) & span.hit
-    if cast.directions.abs().max() > 0:
+    if cast.directions.abs().max() >= PARALLEL:
         assert (within | ~well_inside).all()
     assert (nearly_inside | ~within).all()
 

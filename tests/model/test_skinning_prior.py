@@ -91,3 +91,11 @@ def test_nodes_lie_on_the_faces() -> None:
     assert nodes.shape == (3, 2, 5, 3)
     assert nodes[0, 0, 0].tolist() == [0, 1, 2] and nodes[2, 1, 4].tolist() == [4, 3, 8]
     assert nodes[1, 1, 3].tolist() == [3, 3, 5]
+
+
+def test_autocast_leaves_the_prior_alone(rest_joints: torch.Tensor) -> None:
+    joints = rest_joints.float()
+    with torch.autocast("cpu", torch.bfloat16):
+        inside = bone_prior(joints, canonical_box(joints), (8, 8, 8))
+    outside = bone_prior(joints, canonical_box(joints), (8, 8, 8))
+    torch.testing.assert_close(inside, outside, rtol=0, atol=0)
