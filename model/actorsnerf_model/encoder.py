@@ -82,11 +82,14 @@ class Encoder(nn.Module):
         Args:
             pictures: RGB in [0, 1], the person on the configured background.
         """
-        trunk = self.trunk(pictures)
-        reduced = None
-        if self.reduction is not None:
-            reduced = FeatureMap(_channels_last(self.reduction(trunk)), self.trunk.first)
-        return FeatureMap(_channels_last(trunk), self.trunk.first), reduced
+        joined = self.trunk(pictures)
+        trunk = FeatureMap(_channels_last(joined), self.trunk.first)
+        if self.reduction is None:
+            return trunk, None
+        # A 1x1 convolution as the matrix product that it is: several times faster on a CPU.
+        weight = self.reduction.weight.flatten(1)
+        table = F.linear(trunk.table, weight, self.reduction.bias)
+        return trunk, FeatureMap(table, self.trunk.first)
 
     def train(self, mode: bool = True) -> "Encoder":
         """Frozen trunks stay in evaluation mode, so their running statistics never move."""
