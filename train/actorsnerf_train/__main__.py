@@ -1,6 +1,7 @@
 """The command line: pretrain, fewshot, evaluate, render."""
 
 import inspect
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   render     turntables, new poses, meshes; needs no data file
 
 Prepared files come from: python -m actorsnerf_preprocess prepare --help
+Several GPUs: torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
 """
 INTERRUPTED = 130
 """Exit status of a program that Ctrl-C stopped."""
@@ -58,42 +60,41 @@ def main(arguments: list[str] | None = None) -> int:
         config=(tyro.conf.OmitArgPrefixes,),
     )
     try:
-        _run(options)
+        told = _run(options)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped; the same command goes on from the last checkpoint", file=sys.stderr)
         return INTERRUPTED
+    if os.environ.get("RANK", "0") == "0":  # one process of torchrun's speaks
+        print(*told, sep="\n")
     return 0
 
 
-def _run(options: PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions) -> None:
+def _run(
+    options: PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions,
+) -> tuple[str, ...]:
+    """What to tell when the command is done."""
+    program = "python -m actorsnerf_train"
     match options:
         case PretrainOptions():
-            checkpoint = run_pretrain(options)
-            print(f"checkpoint: {checkpoint}")
-            print(
-                "next: python -m actorsnerf_train fewshot --data HELD_OUT_ACTOR.h5 "
-                f"--from {options.run} --run FOLDER"
+            return (
+                f"checkpoint: {run_pretrain(options)}",
+                f"next: {program} fewshot --data HELD_OUT_ACTOR.h5 --from {options.run} "
+                "--run FOLDER",
             )
         case FewshotOptions():
-            checkpoint = run_fewshot(options)
-            print(f"checkpoint: {checkpoint}")
-            print(
-                f"next: python -m actorsnerf_train evaluate --checkpoint {options.run} "
-                f"--data {options.data} --out {options.run / 'evaluation'}"
-            )
-            print(
-                f"  or: python -m actorsnerf_train render --checkpoint {options.run} "
-                f"--out {options.run / 'turntable'}"
+            return (
+                f"checkpoint: {run_fewshot(options)}",
+                f"next: {program} evaluate --run {options.run} --data {options.data}",
+                f"  or: {program} render --run {options.run} --out {options.run / 'turntable'}",
             )
         case EvaluateOptions():
             run_evaluate(options)
-            print(f"result: {options.out / 'result.md'}")
+            return (f"result: {options.out / 'result.md'}",)
         case AnimateOptions():
-            for path in run_render(options):
-                print(path)
+            return tuple(map(str, run_render(options)))
 
 
 if __name__ == "__main__":

@@ -88,6 +88,14 @@ def train(training: Training) -> Path:
     return checkpoint_path(training.folder.path)
 
 
+def known_actor(actors: dict[bytes, KnownActor], method: ActorsNeRF, sample: Sample) -> KnownActor:
+    """What is kept of the sample's actor; two sequences of one person differ in shape a little."""
+    shape = sample.target.canonical_joints.cpu().numpy().tobytes()
+    if shape not in actors:
+        actors[shape] = know_actor(method, sample.supports)
+    return actors[shape]
+
+
 class _Stride:
     """One step after the other: samples in, changed weights out."""
 
@@ -112,7 +120,7 @@ class _Stride:
         for turn in range(config.accumulation):
             index, drawn = next(self.samples)
             sample = self.training.with_supports(drawn)
-            known = _known(self.actors, self.training.method, sample)
+            known = known_actor(self.actors, self.training.method, sample)
             jitter = jitter_generator(config.seed, index, self.training.device)
             with gathering(self.objective, last=turn == config.accumulation - 1):
                 outcome: Outcome = self.objective(sample, known, window, jitter)
@@ -132,18 +140,10 @@ def _learner(training: Training) -> Learner:
     return Learner(method, optimiser, scaler, training.supports)
 
 
-def _known(actors: dict[bytes, KnownActor], method: ActorsNeRF, sample: Sample) -> KnownActor:
-    """What is kept of the sample's actor; two sequences of one person differ in shape a little."""
-    shape = sample.target.canonical_joints.cpu().numpy().tobytes()
-    if shape not in actors:
-        actors[shape] = know_actor(method, sample.supports)
-    return actors[shape]
-
-
 def _picture(training: Training, actors: dict[bytes, KnownActor], window: float, step: int) -> None:
     """Write the strip of the training's first sample."""
     sample = training.with_supports(sample_to(training.source[0], training.device))
-    known = _known(actors, training.method, sample)
+    known = known_actor(actors, training.method, sample)
     picture = snapshot(training.method, sample, known, window, training.folder.config.render)
     folder = training.folder.path / SNAPSHOTS
     folder.mkdir(exist_ok=True)

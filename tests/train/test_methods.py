@@ -1,0 +1,79 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.loop import Training
+from actorsnerf_train.methods import build_method, know_actor, parts_of, step_state, window_at
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def sample(
+    make_training: Callable[[Path, TrainConfig], Training], config: TrainConfig, tmp_path: Path
+) -> Sample:
+    return make_training(tmp_path, config).source[0]
+
+
+def test_first_weights_depend_on_the_seed_alone(config: TrainConfig) -> None:
+    torch.manual_seed(1)
+    state = torch.get_rng_state()
+    one = build_method(config, CPU).state_dict()
+    assert torch.equal(torch.get_rng_state(), state)
+    torch.manual_seed(2)
+    two = build_method(config, CPU).state_dict()
+    other = build_method(replace(config, seed=1), CPU).state_dict()
+    assert all(torch.equal(one[name], two[name]) for name in one)
+    assert not torch.equal(one["radiance.colour_out.weight"], other["radiance.colour_out.weight"])
+
+
+def test_parts_cover_the_method_and_those_switched_off_are_absent(config: TrainConfig) -> None:
+    method = build_method(config, CPU)
+    inside = {id(p) for part in parts_of(method).values() for p in part.parameters()}
+    assert inside == {id(p) for p in method.parameters()}
+    bare = replace(config.model, deformation=False, body_features=False)
+    assert set(parts_of(build_method(replace(config, model=bare), CPU))) == {
+        "encoder",
+        "skinning",
+        "radiance",
+    }
+
+
+def test_window_opens_as_the_schedule_says(config: TrainConfig) -> None:
+    octaves = config.model.deformation_net.octaves
+    assert window_at(config, 0) == 0
+    assert window_at(config, config.schedule.steps - 1) == octaves
+
+
+def test_with_the_category_frozen_its_maps_are_made_once(
+    config: TrainConfig, sample: Sample
+) -> None:
+    method = build_method(config, CPU).train()
+    known = know_actor(method, sample.supports)
+    assert known.prior is None
+    method.freeze_category_prior()
+    frozen = know_actor(method, sample.supports)
+    assert frozen.prior is not None
+    assert not frozen.prior.body.skinning.weights.requires_grad
+    state, residual = step_state(method, sample.supports, frozen, 3.0)
+    assert state.body is frozen.prior.body
+    assert not residual.requires_grad
+    assert state.maps is not None
+    assert state.maps.table.requires_grad
+
+
+def test_residual_is_the_mean_over_voxels_of_the_channels_absolute_sum(
+    config: TrainConfig, sample: Sample
+) -> None:
+    method = build_method(config, CPU).train()
+    state, residual = step_state(method, sample.supports, know_actor(method, sample.supports), 0.0)
+    logits = state.body.residual
+    voxels = logits[0].numel()
+    assert residual.item() == pytest.approx(logits.abs().double().sum().item() / voxels, rel=1e-5)
+    residual.backward()
+    assert any(p.grad is not None for p in method.skinning.parameters())
