@@ -80,6 +80,13 @@ class Pinhole:
         K[:2, 2] += 0.5 * factor - 0.5
         return Pinhole(K, self.R, self.T, (self.size[0] * factor, self.size[1] * factor))
 
+    def cropped(self, box: tuple[int, int, int, int]) -> "Pinhole":
+        """The part (left, top, right, bottom) of the view; right and bottom are outside."""
+        left, top, right, bottom = box
+        K = self.K.copy()
+        K[:2, 2] -= [left, top]
+        return Pinhole(K, self.R, self.T, (right - left, bottom - top))
+
 
 @dataclass(frozen=True)
 class Paint:
@@ -145,6 +152,8 @@ class MeshRenderer:
 
     def __init__(self) -> None:
         self._pyrender = _headless_pyrender()
+        # By identity; the mesh is kept with its twin, so that no other can take its identity.
+        self._held: dict[int, tuple[Mesh, object]] = {}
         try:
             self._offscreen = self._pyrender.OffscreenRenderer(SELF_TEST_SIZE, SELF_TEST_SIZE)
         except (ImportError, AttributeError, OSError, RuntimeError, ValueError) as error:
@@ -173,14 +182,15 @@ class MeshRenderer:
         """The meshes seen by one camera; no lighting gives the texture's own colours.
 
         Without `labels` the second pass is saved and `Drawing.labels` is 1 wherever a mesh is.
+        Meshes stay uploaded until others are drawn: draw all cameras of a frame in a row.
         """
         pyrender = self._pyrender
         scene = pyrender.Scene(
             bg_color=(0, 0, 0, 0), ambient_light=[lighting.ambient if lighting else 1.0] * 3
         )
         nodes: dict[object, int] = {}
-        for mesh in meshes:
-            node = pyrender.Node(mesh=pyrender.Mesh([self._primitive(mesh)], is_visible=True))
+        for mesh, uploaded in zip(meshes, self._uploaded(meshes), strict=True):
+            node = pyrender.Node(mesh=uploaded)
             scene.add_node(node)
             nodes[node] = mesh.label
         self._add_camera(scene, camera)
@@ -195,11 +205,20 @@ class MeshRenderer:
             found = segmented[..., 0]
         else:
             found = (depth > 0).astype(np.uint8)
-        return Drawing(np.where(depth[..., None] > 0, rgb, 0).astype(np.uint8), depth, found)
+        return Drawing(rgb, depth, found)
 
     def close(self) -> None:
         """Gives the display back; nothing can be drawn afterwards in this process."""
         self._offscreen.delete()
+
+    def _uploaded(self, meshes: Sequence[Mesh]) -> list[object]:
+        """What pyrender draws for the meshes; those of the last drawing are used again."""
+        held = {}
+        for mesh in meshes:
+            twin = self._held.get(id(mesh))
+            held[id(mesh)] = twin or (mesh, self._pyrender.Mesh([self._primitive(mesh)]))
+        self._held = held
+        return [held[id(mesh)][1] for mesh in meshes]
 
     def _primitive(self, mesh: Mesh) -> object:
         return self._pyrender.Primitive(
@@ -268,4 +287,4 @@ if __name__ == "__main__":
         sys.stdout.write(f"{check_headless_gl()}\n")
     except RendererError as error:
         sys.stderr.write(f"error: {error}\n")
-        raise SystemExit(2) from error
+        raise SystemExit(1) from error
