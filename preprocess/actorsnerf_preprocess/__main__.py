@@ -4,9 +4,9 @@ import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -75,9 +75,40 @@ class Prepare(Reading):
     """Only estimate time and disk."""
 
 
+@dataclass(frozen=True)
+class Synthetic:
+    """Writes a raw data set of invented dancers, to be prepared like a download."""
+
+    out: Path
+    """Folder for the raw tree."""
+    preset: Literal["tiny", "small", "evaluation"] = "small"
+    """How large: for a demonstration, to see learning, or with the paper's 300 + 250 frames."""
+    actors: int | None = None
+    """Pre-training actors; this and the following numbers replace the preset's."""
+    held_out: int | None = None
+    """Actors that pre-training must not see."""
+    frames: int | None = None
+    """Per actor."""
+    cameras: int | None = None
+    """Per actor."""
+    size: int | None = None
+    """Height of the raw pictures, pixels."""
+    seed: int = 0
+    """Another seed, other people and dances."""
+    full: bool = False
+    """Draw every camera of every frame, not only what the protocol uses."""
+    variant: Literal["classic-23", "classic-21"] = "classic-23"
+    """ZJU-MoCap's tree: `Camera_B1/000000.jpg` from 0, or names with a time stamp from 1."""
+    fit_noise: bool = False
+    """Body fits are off by about 2 degrees and 1 cm."""
+    ragged_masks: bool = False
+    """Masks have bites and bumps."""
+
+
 Command = (
     Annotated[Prepare, tyro.conf.subcommand("prepare")]
     | Annotated[Inspect, tyro.conf.subcommand("inspect")]
+    | Annotated[Synthetic, tyro.conf.subcommand("synthetic")]
 )
 
 
@@ -88,7 +119,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     command = tyro.cli(Command, args=arguments, prog="actorsnerf-preprocess")
     try:
-        return _prepare(command) if isinstance(command, Prepare) else _inspect(command)
+        match command:
+            case Prepare():
+                return _prepare(command)
+            case Synthetic():
+                return _synthesise(command)
+            case _:
+                return _inspect(command)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -127,6 +164,30 @@ def _prepare(command: Prepare) -> int:
         print(CHECK_NOTICE)
         print(f"next: python -m actorsnerf_datasets check {files}{' ...' if done[3:] else ''}")
     return 2 if refused else 0
+
+
+def _synthesise(command: Synthetic) -> int:
+    # Needs a renderer, which nothing else here does.
+    from actorsnerf_preprocess.synthetic import PRESETS, write_zju_tree
+
+    preset = PRESETS[command.preset]
+    numbers = {
+        name: getattr(preset if getattr(command, name) is None else command, name)
+        for name in ("actors", "held_out", "frames", "cameras", "size")
+    }
+    options = replace(
+        preset,
+        **numbers,
+        seed=command.seed,
+        full=command.full,
+        variant=command.variant,
+        fit_noise=command.fit_noise,
+        ragged_masks=command.ragged_masks,
+    )
+    write_zju_tree(command.out, options, progress=sys.stderr.isatty())
+    print(f"{options.actors + options.held_out} dancers in {command.out}")
+    print(f"next: python -m actorsnerf_preprocess prepare --source {command.out} --out prepared")
+    return 0
 
 
 def _selected(reading: Reading) -> tuple[Found, ...]:

@@ -1,10 +1,12 @@
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from actorsnerf_preprocess import synthetic
 from actorsnerf_preprocess.__main__ import main
 
 WriteTree = Callable[..., Any]
@@ -115,3 +117,23 @@ def test_one_bad_sequence_does_not_stop_the_others(
     captured = capsys.readouterr()
     assert "CoreView_313/annots.npy" in captured.err
     assert (tmp_path / "out" / "CoreView_377.h5").is_file()
+
+
+def test_synthetic_writes_what_its_preset_and_numbers_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = []
+    monkeypatch.setattr(
+        synthetic, "write_zju_tree", lambda root, options, progress: written.append((root, options))
+    )
+    command = arguments("synthetic", "--out", tmp_path, "--preset", "tiny", "--frames", 7)
+    assert main([*command, "--variant", "classic-21", "--fit-noise"]) == 0
+    ((root, options),) = written
+    assert root == tmp_path
+    assert options == replace(
+        synthetic.PRESETS["tiny"], frames=7, variant="classic-21", fit_noise=True
+    )
+    assert capsys.readouterr().out.splitlines() == [
+        f"3 dancers in {tmp_path}",
+        f"next: python -m actorsnerf_preprocess prepare --source {tmp_path} --out prepared",
+    ]
