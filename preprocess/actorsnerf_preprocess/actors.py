@@ -1,6 +1,6 @@
 """Synthetic actors: a body shape, an outfit, and the meshes of the dressed person in any pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,10 +115,13 @@ class FramePose:
     """(24, 4, 4) world from rest, now and at a few earlier times."""
 
 
-def draw_actor(seed: int, index: int, role: Role) -> Actor:
-    """The `index`-th synthetic actor of a role; the same seed gives the same person."""
+def draw_actor(seed: int, index: int, role: Role, shaped: bool = True) -> Actor:
+    """The `index`-th synthetic actor of a role; the same seed gives the same person.
+
+    Unless `shaped`, all betas are zero.
+    """
     rng = np.random.default_rng([seed, index, int(role == "held_out")])
-    betas = np.clip(rng.normal(0.0, BETA_SPREAD, 10), -BETA_LIMIT, BETA_LIMIT)
+    betas = np.clip(rng.normal(0.0, BETA_SPREAD, 10), -BETA_LIMIT, BETA_LIMIT) * float(shaped)
     prefix = "actor" if role == "pretraining" else "heldout"
     return Actor(f"{prefix}{index:02d}", role, betas, draw_outfit(rng, index, role))
 
@@ -172,16 +175,22 @@ def frame_pose(dressed: DressedActor, motion: Motion, frame: int) -> FramePose:
     return FramePose(posed, placed[0], tuple(transforms))
 
 
+def skin_in_world(dressed: DressedActor, pose: FramePose) -> tuple[Float64, Float64]:
+    """The undressed body's vertices (V, 3) and unit normals (V, 3) in the motion's world."""
+    world = pose.world_from_body
+    vertices = pose.body.vertices @ world[:3, :3].T + world[:3, 3]
+    return vertices, _normals(vertices, dressed.layers[0].wear)
+
+
 def draw_meshes(dressed: DressedActor, pose: FramePose) -> list[Mesh]:
     """The dressed actor's meshes in the motion's world."""
     meshes = []
     for number, layer in enumerate(dressed.layers):
         if number == 0:
-            world = pose.world_from_body
-            vertices = pose.body.vertices @ world[:3, :3].T + world[:3, 3]
+            vertices, normals = skin_in_world(dressed, pose)
         else:
             vertices = _posed_layer(layer, dressed.actor.betas, pose)
-        normals = _normals(vertices, layer.wear)
+            normals = _normals(vertices, layer.wear)
         standing = vertices + layer.ease[:, None] * normals
         source, uv = layer.wear.mesh.source, layer.wear.mesh.uv
         drawn = standing[source].astype(np.float32)
@@ -268,6 +277,12 @@ def _middles(garment: Garment) -> Float64:
     return middles
 
 
+def _quad_middles(garment: Garment) -> Float64:
+    """(F, 3) the middle of the quad that each face is half of; faces come in such pairs."""
+    middles = _middles(garment).reshape(-1, 2, 3).mean(axis=1)
+    return np.repeat(middles, 2, axis=0)
+
+
 def _skin_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
     points = studio.skin.garment.template
     ease = HAIR_EASE[outfit.hair_style] * in_hair(points)
@@ -293,18 +308,21 @@ def _suit_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
 
 
 def _skirt_layer(studio: Studio, paint: Paint) -> Layer:
+    """The skirt, its lowest rows pulled up to a level hem."""
     garment = studio.skirt.garment
-    height = garment.template[:, 1]
-    hanging = np.clip((-0.25 - height) / 0.3, 0.0, 1.0)
-    kept = _middles(garment)[:, 1] > SKIRT_END
+    shortened = garment.template.copy()
+    shortened[:, 1] = np.maximum(shortened[:, 1], SKIRT_END)
+    wear = replace(studio.skirt, garment=replace(garment, template=shortened))
+    hanging = np.clip((-0.25 - shortened[:, 1]) / 0.3, 0.0, 1.0)
+    kept = (shortened[garment.faces, 1].max(axis=1) > SKIRT_END).astype(np.float64)
     labels = np.full(len(garment.faces), CIHP_SKIRT, dtype=np.uint8)
-    parts = _parts(studio.skirt, labels, kept)
-    return Layer(studio.skirt, 0.012 + 0.05 * hanging, LAG_SHARE * hanging, parts, paint)
+    ease = 0.004 + 0.05 * hanging
+    return Layer(wear, ease, LAG_SHARE * hanging, _parts(wear, labels, kept), paint)
 
 
 def _hair_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
     garment = studio.hair.garment
-    middles = _middles(garment)
+    middles = _quad_middles(garment)
     in_face = (middles[:, 2] > 0.075) & (middles[:, 1] < 0.5)
     kept = (middles[:, 1] > HAIR_ENDS[outfit.hair_style]) & ~in_face
     loose = np.clip((0.3 - garment.template[:, 1]) / 0.25, 0.0, 1.0)

@@ -128,10 +128,15 @@ def draw_outfit(rng: np.random.Generator, index: int, role: Role) -> Outfit:
         shoes=SHOES[int(rng.integers(len(SHOES)))],
         front_mark=marks[(2 * index) % len(marks)],
         back_mark=marks[(2 * index + 1) % len(marks)],
-        mark_colour=colours[fourth],
+        mark_colour=_contrasting(colours[first]),
         sleeve_end=float(rng.uniform(0.58, 0.62) if long_sleeves else rng.uniform(0.27, 0.36)),
         top_hem=float(rng.uniform(-0.27, -0.18)),
         top_ease=float(rng.uniform(0.010, 0.022)),
         bottom_ease=float(rng.uniform(0.006, 0.016)),
         noise_seed=int(rng.integers(2**31)),
     )
+
+
+def _contrasting(colour: Colour) -> Colour:
+    """Nearly black on light cloth, nearly white on dark cloth."""
+    return (24, 24, 28) if sum(colour) > 380 else (244, 242, 236)

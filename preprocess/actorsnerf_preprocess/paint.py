@@ -8,9 +8,9 @@ from actorsnerf_preprocess.cloth_regions import BOTTOM, HAIR, SHOE, TOP, on_arm,
 from actorsnerf_preprocess.outfits import Colour, Fabric, Outfit
 
 MARK_PIXELS = 256
-FRONT_MARK = (0.0, 0.085, 0.085)
+FRONT_MARK = (0.0, 0.085, 0.10)
 """x, y of the middle and half the side, metres; on the chest."""
-BACK_MARK = (0.0, 0.06, 0.115)
+BACK_MARK = (0.0, 0.05, 0.125)
 WEAVE = 0.035
 """Standard deviation of a cloth's fine brightness noise."""
 EYE = (0.0276, 0.4196, 0.1313)
@@ -96,7 +96,7 @@ def _cloth_coordinates(points: Float64) -> tuple[Float64, Float64]:
 
 
 def _marked(colours: Float64, points: Float64, outfit: Outfit) -> Float64:
-    """The top with a mark on the chest and another on the back."""
+    """The top with a mark on the chest and another on the back, each on a plain patch."""
     for mark, place, side in (
         (outfit.front_mark, FRONT_MARK, 1.0),
         (outfit.back_mark, BACK_MARK, -1.0),
@@ -105,11 +105,13 @@ def _marked(colours: Float64, points: Float64, outfit: Outfit) -> Float64:
         u = (side * points[..., 0] - x) / half
         v = (y - points[..., 1]) / half
         facing = side * (points[..., 2] - _BODY_MIDDLE_Z) > 0
-        inside = (np.abs(u) < 1) & (np.abs(v) < 1) & facing & ~on_arm(points)
+        inside = (np.maximum(np.abs(u), np.abs(v)) < 1) & facing & ~on_arm(points)
         columns = np.clip((u + 1) / 2 * MARK_PIXELS, 0, MARK_PIXELS - 1).astype(int)
         rows = np.clip((v + 1) / 2 * MARK_PIXELS, 0, MARK_PIXELS - 1).astype(int)
-        drawn = _mark(mark)
-        colours = np.where((inside & drawn[rows, columns])[..., None], outfit.mark_colour, colours)
+        drawn = _mark(mark)[rows, columns]
+        patch = inside & (np.hypot(u, v) < 1)
+        colours = np.where(patch[..., None], outfit.top.colour, colours)
+        colours = np.where((inside & drawn)[..., None], outfit.mark_colour, colours)
     return colours
 
 
@@ -133,7 +135,7 @@ def _mark(name: str) -> UInt8:
         cv2.line(canvas, (30, 30), (226, 226), 1, 52)
         cv2.line(canvas, (226, 30), (30, 226), 1, 52)
     else:
-        size, thickness = 8.0 / max(len(name), 1.2), 40 // len(name)
+        size, thickness = 9.0 / max(len(name), 1.3), 56 // (1 + len(name) // 2)
         (width, height), _ = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, size, thickness)
         origin = (middle - width // 2, middle + height // 2)
         cv2.putText(canvas, name, origin, cv2.FONT_HERSHEY_SIMPLEX, size, 1, thickness)
@@ -149,13 +151,13 @@ def _skin(points: Float64, outfit: Outfit) -> Float64:
     face = z > 0.08
     lips = face & (((x - LIPS[0]) / 0.024) ** 2 + ((y - LIPS[1]) / 0.009) ** 2 < 1)
     colours[lips & (y > 0.2)] = 0.72 * skin * [1.05, 0.75, 0.75]
-    from_eye = np.hypot(np.abs(x) - EYE[0], y - EYE[1])
-    brow = face & (np.abs(np.abs(x) - EYE[0]) < 0.019) & (np.abs(y - EYE[1] - 0.024) < 0.0045)
+    across, up = np.abs(x) - EYE[0], y - EYE[1]
+    brow = face & (np.abs(across) < 0.019) & (np.abs(up - 0.021) < 0.0045)
     colours[brow] = np.array(outfit.hair) * 0.8
-    colours *= np.where(face & (from_eye < 0.02), 0.88, 1.0)[..., None]
-    eye = np.hypot(from_eye, z - EYE[2]) < EYE_RADIUS
-    for radius, colour in ((EYE_RADIUS, WHITE), (IRIS_RADIUS, IRIS), (PUPIL_RADIUS, PUPIL)):
-        colours[eye & (from_eye < radius)] = colour
+    ball = np.abs(np.sqrt(across**2 + up**2 + (z - EYE[2]) ** 2) - EYE_RADIUS) < 0.0012
+    colours[ball & (z > EYE[2])] = (236, 234, 230)
+    iris = ball & (np.hypot(across, up) < IRIS_RADIUS) & (z > EYE[2])
+    colours[iris] = (52, 40, 34)
     return colours
 
 

@@ -207,6 +207,12 @@ class MeshRenderer:
             found = (depth > 0).astype(np.uint8)
         return Drawing(rgb, depth, found)
 
+    def __enter__(self) -> "MeshRenderer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def close(self) -> None:
         """Gives the display back; nothing can be drawn afterwards in this process."""
         self._offscreen.delete()

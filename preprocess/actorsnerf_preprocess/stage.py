@@ -1,25 +1,29 @@
-"""The invented stage: who dances, where the cameras stand, and what each of them sees.
+"""The invented stage: how large a synthetic data set is, who dances, where the cameras stand.
 
 Shared by the writers of synthetic raw trees. World: y up, floor at y = 0, metres.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
-import cv2
 import numpy as np
 
-from actorsnerf_datasets.types import Float64, Role, UInt8
+from actorsnerf_datasets.body_model import rest
+from actorsnerf_datasets.types import Float64, Role
 from actorsnerf_preprocess.actors import (
+    TEXTURE_SIZE,
     DressedActor,
+    FramePose,
     draw_actor,
-    draw_meshes,
     dress,
     frame_pose,
     open_studio,
 )
-from actorsnerf_preprocess.motions import DANCES, Motion, draw_motion, turning_yaw
-from actorsnerf_preprocess.renderer import Light, Lighting, Mesh, MeshRenderer, Pinhole
+from actorsnerf_preprocess.motions import DANCES, Dance, Motion, draw_motion, turning_yaw
+from actorsnerf_preprocess.renderer import Light, Lighting, MeshRenderer, Pinhole
+from actorsnerf_preprocess.source import SourceError
 
 LIGHTING = Lighting(
     (
@@ -29,28 +33,49 @@ LIGHTING = Lighting(
     0.35,
 )
 """A key light, a fill light from behind, and what the room gives back."""
-FINER = 2
-"""Pictures are drawn with this many pixels per pixel and averaged, so that edges are soft."""
-WIDER = 1.35
-"""The undistorted canvas is this much larger than the picture, so that barrel distortion, which
-sees more, finds everything drawn."""
+SIGN = "synthetic.json"
+"""A file of this name at the root marks a tree written here."""
+HELD_OUT = "held_out.txt"
+"""Names of the held-out actors, one per line; written last."""
+TRUTH = "truth"
+"""Folder beside the data for what a real data set could not know."""
+WAIST = 0.9
+"""Height that all cameras look at, metres."""
 
 
 @dataclass(frozen=True)
 class SyntheticOptions:
-    """How large a synthetic data set is."""
+    """How large and how imperfect a synthetic data set is."""
 
     actors: int = 8
     """Pre-training actors."""
     held_out: int = 2
     """Actors that pre-training must not see."""
     frames: int = 100
+    """Per actor."""
     cameras: int = 6
+    """At most 23 for ZJU-MoCap, 9 for AIST++."""
     size: int = 512
-    """Pixels per side of the raw pictures."""
+    """Height of the raw pictures, pixels; ZJU-MoCap's are square, AIST++'s 16:9."""
     seed: int = 0
     full: bool = False
     """Draw every camera of every frame, not only what the generic protocol uses."""
+    variant: Literal["classic-23", "classic-21"] = "classic-23"
+    """ZJU-MoCap's tree: `Camera_B1/000000.jpg` from 0, or names with a time stamp from 1."""
+    fit_noise: bool = False
+    """Fits are off by about 2 degrees per joint and 1 cm; the true ones are kept under truth/."""
+    ragged_masks: bool = False
+    """Masks have bites and bumps of a few pixels; the true ones are kept under truth/."""
+    texture: int = TEXTURE_SIZE
+    """Texels per side of skin and clothes."""
+
+
+PRESETS: dict[str, SyntheticOptions] = {
+    "tiny": SyntheticOptions(actors=2, held_out=1, frames=40, cameras=3, size=256, texture=512),
+    "small": SyntheticOptions(actors=8, held_out=2, frames=100, cameras=4, size=320),
+    "evaluation": SyntheticOptions(actors=8, held_out=2, frames=560, cameras=8, size=512),
+}
+"""`tiny` for a demonstration, `small` to see learning, `evaluation` with the paper's 300 + 250."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +84,7 @@ class Performance:
 
     dressed: DressedActor
     motion: Motion
+    dance: Dance
 
     @property
     def name(self) -> str:
@@ -70,47 +96,45 @@ class Performance:
         """Pre-training or held out."""
         return self.dressed.actor.role
 
-
-@dataclass(frozen=True)
-class Lens:
-    """A real lens: the pinhole behind it and its distortion."""
-
-    pinhole: Pinhole
-    distortion: Float64
-    """(5,) k1 k2 p1 p2 k3 (OpenCV)."""
+    def pose(self, frame: int) -> FramePose:
+        """Where the body is in one frame."""
+        return frame_pose(self.dressed, self.motion, frame)
 
 
-@dataclass(frozen=True)
-class Shot:
-    """What one camera sees of the person."""
+def pool_size(frames: int) -> int:
+    """How many frames the generic protocol gives to training.
 
-    rgb: UInt8
-    """(H, W, 3) on black, distorted."""
-    coverage: Float64
-    """(H, W) the person's share of each pixel."""
-    labels: UInt8
-    """(H, W) part labels of the pixels that are at least half covered, 0 elsewhere."""
+    >>> pool_size(560), pool_size(100)
+    (300, 60)
+    """
+    return min(300, int(0.6 * frames))
 
 
 def performances(
-    options: SyntheticOptions, renderer: MeshRenderer, frames_per_second: float
+    options: SyntheticOptions,
+    renderer: MeshRenderer,
+    frames_per_second: float,
+    shaped: bool = True,
 ) -> Iterator[Performance]:
-    """The actors one after the other, pre-training first; the seed decides all of them."""
-    studio = open_studio()
-    pool = min(300, int(0.6 * options.frames))
+    """The actors one after the other, pre-training first; the seed decides all of them.
+
+    Args:
+        options: how many, and how long.
+        renderer: gets their paints.
+        frames_per_second: of their dances.
+        shaped: whether bodies differ by betas; AIST++ knows only one shape.
+    """
+    studio = open_studio(options.texture)
     roles: list[tuple[int, Role]] = [(index, "pretraining") for index in range(options.actors)]
     roles += [(index, "held_out") for index in range(options.held_out)]
     for index, role in roles:
-        actor = draw_actor(options.seed, index, role)
-        dressed = dress(studio, actor, renderer)
+        actor = draw_actor(options.seed, index, role, shaped)
         rng = np.random.default_rng([options.seed, index, int(role == "held_out"), 1])
-        yaw = turning_yaw(rng, role, options.frames, pool)
-        rest_joints = studio.body.joint_regressor @ (
-            studio.body.template + studio.body.shape_directions @ actor.betas
-        )
-        dances = DANCES[role]
-        dance = dances[index % len(dances)]
-        yield Performance(dressed, draw_motion(rng, dance, yaw, rest_joints, frames_per_second))
+        yaw = turning_yaw(rng, role, options.frames, pool_size(options.frames))
+        joints, _ = rest(studio.body, actor.betas)
+        dance = DANCES[role][index % len(DANCES[role])]
+        motion = draw_motion(rng, dance, yaw, joints, frames_per_second)
+        yield Performance(dress(studio, actor, renderer), motion, dance)
 
 
 def ring(
@@ -125,69 +149,49 @@ def ring(
         focal: pixels; each camera's differs by up to one percent, like real lenses.
         size: width, height.
     """
-    cameras = []
-    for index in range(count):
-        angle = 2 * np.pi * index / count
-        centre = np.array(
-            [radius * np.sin(angle), height + 0.25 * (index % 2), radius * np.cos(angle)]
-        )
-        forward = np.array([0.0, 0.9, 0.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 1.0, 0.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        scale = 1 + 0.01 * np.sin(3.0 * index)
-        width, tall = size
-        K = np.array(
-            [
-                [focal * scale, 0.0, width * (0.5 + 0.01 * np.sin(index))],
-                [0.0, focal * (2 - scale), tall * (0.5 - 0.01 * np.cos(index))],
-                [0.0, 0.0, 1.0],
-            ]
-        )
-        cameras.append(Pinhole(K, R, -R @ centre, size))
-    return tuple(cameras)
-
-
-def take(renderer: MeshRenderer, meshes: list[Mesh], lens: Lens) -> Shot:
-    """The picture that a real lens makes of the meshes, with soft edges."""
-    wide = _wider(lens.pinhole).finer(FINER)
-    drawing = renderer.draw(meshes, wide, LIGHTING)
-    lookup = _lookup(lens, wide)
-    size = lens.pinhole.size
-    covered = (drawing.labels > 0).astype(np.float32)
-    rgb = cv2.remap(drawing.rgb, *lookup, cv2.INTER_LINEAR)
-    share = cv2.resize(
-        cv2.remap(covered, *lookup, cv2.INTER_LINEAR), size, interpolation=cv2.INTER_AREA
-    )
-    labels = cv2.remap(drawing.labels, *lookup, cv2.INTER_NEAREST)[::FINER, ::FINER]
-    labels = np.where(share >= 0.5, np.maximum(labels, 1), 0)
-    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-    return Shot(small.astype(np.uint8), share.astype(np.float64), labels.astype(np.uint8))
-
-
-def meshes_of(performance: Performance, frame: int) -> list[Mesh]:
-    """The dressed actor in one frame."""
-    return draw_meshes(
-        performance.dressed, frame_pose(performance.dressed, performance.motion, frame)
+    angles = 2 * np.pi * np.arange(count) / max(count, 1)
+    heights = height + 0.25 * (np.arange(count) % 2)
+    return tuple(
+        _camera(index, _around(float(angle), radius, float(tall)), focal, size)
+        for index, (angle, tall) in enumerate(zip(angles, heights, strict=True))
     )
 
 
-def _wider(pinhole: Pinhole) -> Pinhole:
-    width, height = pinhole.size
-    more_x, more_y = int(width * (WIDER - 1) / 2), int(height * (WIDER - 1) / 2)
-    K = pinhole.K.copy()
-    K[0, 2] += more_x
-    K[1, 2] += more_y
-    return Pinhole(K, pinhole.R, pinhole.T, (width + 2 * more_x, height + 2 * more_y))
+def claim(root: Path) -> None:
+    """Makes the folder; what another program wrote is never mixed with.
+
+    Raises:
+        SourceError: there is something else in it.
+    """
+    if root.exists() and (not root.is_dir() or (any(root.iterdir()) and not _ours(root))):
+        raise SourceError(
+            f"{root}: is not empty and no synthetic data set (it has no {SIGN}); synthetic actors "
+            "are written into a new or empty folder: name another."
+        )
+    root.mkdir(parents=True, exist_ok=True)
 
 
-def _lookup(lens: Lens, wide: Pinhole) -> tuple[UInt8, UInt8]:
-    """Where each (finer) pixel of the distorted picture lies on the undistorted canvas."""
-    fine = lens.pinhole.finer(FINER)
-    width, height = fine.size
-    x, y = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    seen = np.stack([x.ravel(), y.ravel()], -1)[:, None]
-    straight = cv2.undistortPoints(seen, fine.K, lens.distortion, P=wide.K)[:, 0]
-    places = straight.reshape(height, width, 2).astype(np.float32)
-    return places[..., 0], places[..., 1]
+def _ours(root: Path) -> bool:
+    return (root / SIGN).is_file()
+
+
+def _around(angle: float, radius: float, height: float) -> Float64:
+    return np.array([radius * np.sin(angle), height, radius * np.cos(angle)])
+
+
+def _camera(index: int, centre: Float64, focal: float, size: tuple[int, int]) -> Pinhole:
+    forward = np.array([0.0, WAIST, 0.0]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    scale = 1 + 0.01 * np.sin(3.0 * index)
+    middle = np.array(size) * (0.5 + 0.01 * np.array([np.sin(index), -np.cos(index)]))
+    K = np.array(
+        [
+            [focal * scale, 0.0, middle[0]],
+            [0.0, focal * (2 - scale), middle[1]],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    return Pinhole(K, R, -R @ centre, size)
