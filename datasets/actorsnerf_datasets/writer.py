@@ -7,7 +7,7 @@ written as `<name>.part`, synchronised to disk, and renamed.
 import os
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from actorsnerf_datasets.digests import digest_of_arrays, digest_of_dataset, dig
 from actorsnerf_datasets.errors import LayoutError
 from actorsnerf_datasets.header import Values, header_arrays, header_attributes
 from actorsnerf_datasets.layout import DIGEST_ATTRIBUTE, ENTRIES
+from actorsnerf_datasets.output_file import OutputFile
 from actorsnerf_datasets.shapes import Form, misfits
 from actorsnerf_datasets.types import Picture, Protocol, SequenceHeader
 
@@ -73,17 +74,16 @@ def write_sequence(
     part = path.with_name(path.name + ".part")
     complete = False
     try:
-        with _opened(path, part) as file:
-            _write_pictures(file, path, header, crop_size, pictures)
-            with _disk_errors(path):
-                file.attrs.update(header_attributes(header))
-                for name, values in arrays.items():
-                    _write_array(file, name, values)
-                for protocol in header.protocols:
-                    _write_protocol(file, protocol)
+        with _opened(path, part) as target:
+            _write_pictures(target, header, crop_size, pictures)
+            target.file.attrs.update(header_attributes(header))
+            for name, values in arrays.items():
+                _write_array(target.file, name, values)
+            for protocol in header.protocols:
+                _write_protocol(target.file, protocol)
         with _disk_errors(path):
-            _synchronise(part)
             part.replace(path)
+        with suppress(OSError):  # some network file systems cannot synchronise a folder
             _synchronise(path.parent)
         complete = True
     finally:
@@ -91,11 +91,25 @@ def write_sequence(
             part.unlink(missing_ok=True)
 
 
+@dataclass(frozen=True)
+class _Target:
+    """The file that is being written."""
+
+    path: Path
+    file: h5py.File
+    output: OutputFile
+
+    def require_written(self) -> None:
+        """Raises if the disk refused something so far."""
+        with _disk_errors(self.path):
+            self.output.raise_failure()
+
+
 @contextmanager
 def _disk_errors(path: Path) -> Iterator[None]:
     try:
         yield
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
         raise LayoutError(
             f"{path}: could not be written ({error}): is the disk full or the folder read-only? "
             "Nothing was left under this name"
@@ -103,14 +117,17 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _opened(path: Path, part: Path) -> Iterator[h5py.File]:
+def _opened(path: Path, part: Path) -> Iterator[_Target]:
     with _disk_errors(path):
-        file = h5py.File(part, "w", libver="earliest")
-    try:
-        yield file
-    finally:
-        with _disk_errors(path):
+        output = OutputFile(part)
+    with output:
+        file = h5py.File(output, "w", libver="earliest")
+        try:
+            yield _Target(path, file, output)
+        finally:
             file.close()
+        with _disk_errors(path):
+            output.synchronise()
 
 
 def _require_consistent(path: Path, header: SequenceHeader, arrays: dict[str, Values]) -> None:
@@ -133,12 +150,12 @@ def _require_consistent(path: Path, header: SequenceHeader, arrays: dict[str, Va
 
 
 def _write_pictures(
-    file: h5py.File,
-    path: Path,
+    target: _Target,
     header: SequenceHeader,
     crop_size: tuple[int, int],
     pictures: Iterable[StoredPicture],
 ) -> None:
+    path, file = target.path, target.file
     width, height = crop_size
     forms = {"pictures/rgb": (height, width, 3), "pictures/alpha": (height, width)}
     datasets = {name: _growing(file, name, shape) for name, shape in forms.items()}
@@ -156,9 +173,9 @@ def _write_pictures(
         row[place] = len(offsets)
         valid[place] = picture.valid
         offsets.append(picture.offset)
-        with _disk_errors(path):
-            _append_chunk(datasets["pictures/rgb"], picture.rgb_chunk)
-            _append_chunk(datasets["pictures/alpha"], picture.alpha_chunk)
+        _append_chunk(path, datasets["pictures/rgb"], picture.rgb_chunk)
+        _append_chunk(path, datasets["pictures/alpha"], picture.alpha_chunk)
+        target.require_written()
     for dataset in datasets.values():
         dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_dataset(dataset)
     _write_array(file, "pictures/offset", np.array(offsets, np.int32).reshape(-1, 2))
@@ -180,12 +197,12 @@ def _growing(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset
     return dataset
 
 
-def _append_chunk(dataset: h5py.Dataset, chunk: bytes) -> None:
+def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> None:
     count, *shape = dataset.shape
     found, expected = len(zlib.decompress(chunk)), int(np.prod(shape))
     if found != expected:
         raise LayoutError(
-            f"{dataset.file.filename}: {dataset.name}: a picture of {found} bytes, expected "
+            f"{path}: {dataset.name}: a picture of {found} bytes, expected "
             f"{expected} for {tuple(shape)}"
         )
     dataset.resize(count + 1, axis=0)

@@ -1,14 +1,18 @@
 """What the preparation's tests share: raw ZJU-MoCap trees made by hand from a tiny body."""
 
+import os
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from actorsnerf_datasets.body_model import BodyModel, load_body_model, pose
+from actorsnerf_datasets.pickles import load_npy
 from actorsnerf_datasets.rotations import matrix_from_axis_angle
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.free_body import write_tiny_body
@@ -181,3 +185,114 @@ def _write_picture(
         path.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(path), content)
     return listed
+
+
+class Hostile:
+    """Its pickle makes a folder when it is loaded without care."""
+
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
+        return os.mkdir, (str(self.marker),)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A sound ZJU-MoCap tree of 4 frames and 3 cameras in a folder of its own, to be damaged."""
+
+    home: Path
+
+    @property
+    def source(self) -> Path:
+        return self.home / "raw"
+
+    @property
+    def tree(self) -> Path:
+        return self.source / "CoreView_377"
+
+    @property
+    def out(self) -> Path:
+        return self.home / "out"
+
+    @property
+    def body(self) -> Path:
+        return self.home / "tiny_neutral.npz"
+
+    @property
+    def marker(self) -> Path:
+        """What a hostile pickle would make."""
+        return self.home / "executed"
+
+    def picture(self, camera: int, frame: int) -> Path:
+        return self.tree / f"Camera_B{camera + 1}" / f"{frame:06d}.jpg"
+
+    def mask(self, camera: int, frame: int) -> Path:
+        return self.tree / "mask_cihp" / f"Camera_B{camera + 1}" / f"{frame:06d}.png"
+
+    def masks(self) -> list[Path]:
+        return sorted((self.tree / "mask_cihp").rglob("*.png"))
+
+    def fit(self, frame: int) -> Path:
+        return self.tree / "new_params" / f"{frame}.npy"
+
+    def vertices(self, frame: int) -> Path:
+        return self.tree / "new_vertices" / f"{frame}.npy"
+
+    def edit_annotations(self, change: Callable[[dict[str, Any]], object]) -> None:
+        self._edit(self.tree / "annots.npy", change)
+
+    def edit_camera(self, key: str, change: Callable[[Float64, int], Float64]) -> None:
+        """Changes one entry of every camera: (array, index) to array."""
+
+        def every(content: dict[str, Any]) -> None:
+            values = [np.asarray(value) for value in content["cams"][key]]
+            content["cams"][key] = [change(value, index) for index, value in enumerate(values)]
+
+        self.edit_annotations(every)
+
+    def edit_fit(self, frame: int, change: Callable[[dict[str, Any]], object]) -> None:
+        self._edit(self.fit(frame), change)
+
+    def edit_body(self, change: Callable[[dict[str, Any]], object]) -> None:
+        with np.load(self.body) as arrays:
+            content = dict(arrays)
+        change(content)
+        np.savez(self.body, **content)
+
+    def hostile(self, path: Path) -> None:
+        """Puts a pickle there that makes `marker` when it is executed."""
+        path.write_bytes(pickle.dumps(Hostile(self.marker)))
+
+    @staticmethod
+    def cut(path: Path) -> None:
+        """Leaves the first half of a file."""
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) // 2])
+
+    @staticmethod
+    def fill(path: Path, level: int, size: tuple[int, int] = (160, 160)) -> None:
+        """Puts a picture of one grey there, width and height as given."""
+        cv2.imwrite(str(path), np.full(size[::-1], level, np.uint8))
+
+    @staticmethod
+    def in_place_of_a_file(path: Path) -> None:
+        """Puts a folder there: what cannot be read, even by the superuser."""
+        path.unlink()
+        path.mkdir()
+
+    @staticmethod
+    def _edit(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+        content = load_npy(path)
+        assert isinstance(content, dict)
+        change(content)
+        np.save(path, np.asarray(content))
+
+
+@pytest.fixture
+def scene(tmp_path: Path, write_zju: WriteTree, tiny_body: Path) -> Scene:
+    """A sound tree, a body model and room for an output folder."""
+    made = Scene(tmp_path)
+    write_zju(made.tree)
+    made.body.write_bytes(tiny_body.read_bytes())
+    return made

@@ -1,0 +1,195 @@
+"""A full disk, a killed process, Ctrl-C: nothing half-written, and the next run is as the first.
+
+What these tests record goes into `benchmarks/results/faults.md`; see `scripts/fault_table.py`.
+"""
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from actorsnerf_datasets import output_file
+from actorsnerf_preprocess import run_report
+from actorsnerf_preprocess.__main__ import main
+
+PATIENCE = 60.0
+"""Seconds; what is waited for takes two or three."""
+
+Record = Callable[[str, object], None]
+
+
+def arguments(scene: Any, workers: int) -> list[str]:
+    parts = ["prepare", "--source", scene.source, "--out", scene.out, "--all-pairs"]
+    return [str(part) for part in (*parts, "--workers", workers, "--body-model", scene.body)]
+
+
+@contextmanager
+def running(scene: Any, workers: int) -> Iterator[subprocess.Popen[str]]:
+    """The command line as a process of its own, ended with the context."""
+    command = [sys.executable, "-m", "actorsnerf_preprocess", *arguments(scene, workers)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_until(happened: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+def stuck(scene: Any) -> bytes:
+    """Makes one picture a pipe that nobody writes to; returns the picture's bytes."""
+    path = scene.picture(2, 3)
+    content: bytes = path.read_bytes()
+    path.unlink()
+    os.mkfifo(path)
+    return content
+
+
+def let_pass_once(scene: Any, content: bytes) -> None:
+    """The first pass over the pictures gets the picture; the second one waits for it."""
+    scene.picture(2, 3).write_bytes(content)
+    wait_until((scene.out / "CoreView_377.h5.part").exists)
+
+
+def worker_processes(process: subprocess.Popen[str]) -> list[int]:
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(pid) for pid in children if b"spawn_main" in _command_line(int(pid))]
+
+
+def _command_line(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def finished_names(scene: Any) -> list[str]:
+    return sorted(path.name for path in scene.out.glob("*") if path.suffix != ".part")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes and /proc")
+def test_killed_at_work(scene: Any, tmp_path: Path, record_property: Record) -> None:
+    assert main(arguments(scene, 1)) == 0
+    whole = (scene.out / "CoreView_377.h5").read_bytes()
+    for path in scene.out.iterdir():
+        path.unlink()
+    content = stuck(scene)
+    with running(scene, 2) as process:
+        let_pass_once(scene, content)
+        workers = worker_processes(process)
+        assert len(workers) == 2
+        process.kill()
+    assert finished_names(scene) == []
+    wait_until(lambda: not any(b"spawn_main" in _command_line(pid) for pid in workers))
+    scene.picture(2, 3).unlink()
+    scene.picture(2, 3).write_bytes(content)
+    assert main(arguments(scene, 1)) == 0
+    assert (scene.out / "CoreView_377.h5").read_bytes() == whole
+    assert finished_names(scene) == [f"CoreView_377.{kind}" for kind in ("h5", "json", "png")]
+    assert list(scene.out.glob("*.part")) == []
+    record_property("fault", "run killed (SIGKILL) while it writes, and started again")
+    record_property("reads", "(nothing; the second run's file is byte-identical to a whole run's)")
+    record_property("outcome", "nothing half-written")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes and /proc")
+def test_a_killed_worker(scene: Any, record_property: Record) -> None:
+    content = stuck(scene)
+    with running(scene, 2) as process:
+        let_pass_once(scene, content)
+        os.kill(worker_processes(process)[0], signal.SIGKILL)
+        _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2
+    (line,) = errors.splitlines()
+    assert line.startswith("error: A worker process was killed, perhaps because memory ran out;")
+    assert finished_names(scene) == []
+    record_property("fault", "worker process killed (out of memory)")
+    record_property("reads", line)
+    record_property("outcome", "refused")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_interrupted(scene: Any, record_property: Record) -> None:
+    content = stuck(scene)
+    with running(scene, 1) as process:
+        let_pass_once(scene, content)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert errors == "interrupted: run the same command again to go on\n"
+    assert list(scene.out.iterdir()) == []
+    record_property("fault", "run interrupted (Ctrl-C)")
+    record_property("reads", errors.strip())
+    record_property("outcome", "refused (exit 130)")
+
+
+@pytest.mark.parametrize("limit", [3_000, 80_000], ids=["job", "pictures"])
+def test_no_room_for_files(scene: Any, limit: int, record_property: Record) -> None:
+    """A limit on file sizes makes writes fail in the way a full disk does."""
+    command = [sys.executable, "-m", "actorsnerf_preprocess", *arguments(scene, 1)]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
+    )
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "could not be written" in line
+    assert "is the disk full" in line
+    assert list(scene.out.iterdir()) == []
+    record_property("fault", f"no room on the disk after {limit} bytes")
+    record_property("reads", line.replace(f"{scene.home}/", ""))
+    record_property("outcome", "refused")
+
+
+@pytest.mark.parametrize(
+    ("module", "what"), [(output_file, "h5"), (run_report, "json")], ids=["file", "report"]
+)
+def test_disk_full_at_the_end(
+    scene: Any,
+    module: Any,
+    what: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    record_property: Record,
+) -> None:
+    class Full:
+        """What `os` is where the disk is full."""
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(os, name)
+
+        def fsync(self, _: int) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "os", Full())
+        assert main(arguments(scene, 1)) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"CoreView_377.{what}: could not be written ([Errno 28] No space left on" in line
+    left = {"h5": [], "json": ["CoreView_377.h5", "CoreView_377.png"]}[what]
+    assert sorted(path.name for path in scene.out.iterdir()) == left
+    assert main(arguments(scene, 1)) == 0
+    assert finished_names(scene) == [f"CoreView_377.{kind}" for kind in ("h5", "json", "png")]
+    record_property("fault", f"disk full when the {what} file is synchronised")
+    record_property("reads", line.replace(f"{scene.home}/", ""))
+    record_property("outcome", "refused")
