@@ -87,12 +87,11 @@ def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...
 
 def report_lines(report: Report) -> list[str]:
     """The report as the lines that a user reads."""
-    per_picture = report.bytes / max(report.stored, 1) / 1000
     rate = report.stored / report.seconds if report.seconds else 0.0
     lines = [
         f"{report.sequence}: {report.stored} of {report.asked} pictures stored in {report.file}",
-        f"  crops of {report.crop_size[0]} x {report.crop_size[1]}, {per_picture:.0f} kB per "
-        f"picture, {report.seconds:.1f} s, {rate:.1f} pictures/s",
+        f"  crops of {report.crop_size[0]} x {report.crop_size[1]}, "
+        f"{report.bytes / 1e6:.1f} MB, {report.seconds:.1f} s, {rate:.1f} pictures/s",
     ]
     for one in report.unusable:
         lines.append(f"  not stored: {one.count} x {one.reason}, for example {one.example}")

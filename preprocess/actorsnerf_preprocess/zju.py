@@ -18,6 +18,7 @@ from actorsnerf_datasets.types import Protocol, Role
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
 from actorsnerf_preprocess.image_files import ImageReader
 from actorsnerf_preprocess.source import (
+    Finding,
     Found,
     OpenOptions,
     SourceCamera,
@@ -124,8 +125,21 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         source_terms=SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS,
         notes=(*seen.notes, *read.notes, *_note(protocol, model, body_model)),
         source_digests=source_digests(tree.root, _digested(seen, choice)),
-        findings=(*seen.findings, *choice.findings, *read.findings),
+        findings=(*_relevant(seen, wanted), *choice.findings, *read.findings),
         reader=ImageReader(tree.root, files, tuple(camera.size for camera in seen.cameras)),
+    )
+
+
+def _relevant(seen: ZjuInspection, wanted: NDArray[np.bool_]) -> tuple[Finding, ...]:
+    """The inspection's findings; absent pictures are only a note if the protocol needs none."""
+    tree = seen.tree
+    needed = {(int(camera), int(position)) for camera, position in np.argwhere(wanted)}
+    if needed - tree.existing:
+        return seen.findings
+    absent = {"pictures", *tree.camera_names}
+    return tuple(
+        replace(finding, severity="note") if finding.entry in absent else finding
+        for finding in seen.findings
     )
 
 

@@ -34,7 +34,7 @@ REPORT = Report(
 def test_the_screen_says_what_was_stored_and_what_was_not() -> None:
     lines = "\n".join(report_lines(REPORT))
     assert "98 of 100 pictures stored in out/CoreView_377.h5" in lines
-    assert "208 x 400, 50 kB per picture, 7.0 s, 14.0 pictures/s" in lines
+    assert "208 x 400, 4.9 MB, 7.0 s, 14.0 pictures/s" in lines
     assert "not stored: 1 x missing, for example x.jpg" in lines
     assert "B2: only 55 % of the projected body lies inside the mask" in lines
     assert "B1: only" not in lines

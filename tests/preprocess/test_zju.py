@@ -80,6 +80,18 @@ def test_only_the_pairs_of_the_protocol_are_wanted(
     assert source.protocols[0].name == "actorsnerf-zju"
 
 
+def test_pictures_that_the_protocol_does_not_need_may_be_absent(
+    tmp_path: Path, write_zju: WriteTree, tiny_body: Path
+) -> None:
+    tree = write_zju(tmp_path / "CoreView_377", frames=range(2))
+    (found,) = find_zju(tmp_path)
+    (tree.root / tree.names[1] / "000001.jpg").unlink()
+    for pairs, severity in (("protocol", "note"), ("all", "warning")):
+        options = OpenOptions(body_model=tiny_body, pairs=pairs)
+        findings = {f.entry: f.severity for f in open_zju(found, options).findings}
+        assert findings["pictures"] == severity
+
+
 def test_an_actor_outside_the_lists_is_held_out_when_named(
     tmp_path: Path, write_zju: WriteTree, tiny_body: Path
 ) -> None:
