@@ -1,0 +1,95 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_train.batches import at_pixels, jitter_generator, on_background
+from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.loop import Training
+from actorsnerf_train.losses import LossWeights
+from actorsnerf_train.methods import KnownActor, know_actor
+from actorsnerf_train.objective import Objective, Outcome
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def training(
+    make_training: Callable[[Path, TrainConfig], Training], config: TrainConfig, tmp_path: Path
+) -> Training:
+    return make_training(tmp_path, config)
+
+
+@pytest.fixture
+def sample(training: Training) -> Sample:
+    return training.source[0]
+
+
+@pytest.fixture
+def known(training: Training, sample: Sample) -> KnownActor:
+    return know_actor(training.method, sample.supports)
+
+
+def outcome_of(training: Training, sample: Sample, known: KnownActor, window: float) -> Outcome:
+    config = training.folder.config
+    objective = Objective(training.method, training.perceptual, config.losses, config.render)
+    outcome: Outcome = objective(sample, known, window, jitter_generator(0, 0, CPU))
+    return outcome
+
+
+def test_every_part_that_is_used_gets_a_gradient(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    outcome_of(training, sample, known, 3.0).losses.total.backward()
+    for name, parameter in training.method.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.isfinite().all(), name
+
+
+def test_before_its_kick_in_the_deformation_gets_none(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    outcome_of(training, sample, known, 0.0).losses.total.backward()
+    grads = {n: p.grad for n, p in training.method.named_parameters()}
+    assert all(grads[name] is None for name in grads if name.startswith("deformation"))
+    assert (
+        grads["skinning.logits" if "skinning.logits" in grads else "encoder.reduction.bias"]
+        is not None
+    )
+
+
+def test_same_jitter_same_loss(training: Training, sample: Sample, known: KnownActor) -> None:
+    one = outcome_of(training, sample, known, 3.0)
+    two = outcome_of(training, sample, known, 3.0)
+    assert torch.equal(one.losses.total, two.losses.total)
+
+
+def test_opacity_is_told_on_and_beside_the_person(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    """With the alpha picture turned inside out the two change places."""
+    plain = outcome_of(training, sample, known, 0.0)
+    target = replace(sample.target, alpha=1 - sample.target.alpha)
+    turned = outcome_of(training, replace(sample, target=target), known, 0.0)
+    torch.testing.assert_close(plain.inside, turned.outside)
+    torch.testing.assert_close(plain.outside, turned.inside)
+    assert plain.counts.survivors <= plain.counts.samples
+    assert plain.counts.rays > 0
+
+
+def test_an_actor_of_no_density_costs_the_pictures_square(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    method = training.method
+    with torch.no_grad():
+        method.radiance.density_out.weight.zero_()
+        method.radiance.density_out.bias.fill_(-1e4)
+    config = training.folder.config
+    objective = Objective(method, training.perceptual, LossWeights(0.0, 1.0, 0.0), config.render)
+    outcome: Outcome = objective(sample, known, 0.0, jitter_generator(0, 0, CPU))
+    truth = at_pixels(on_background(sample.target, (0.0, 0.0, 0.0)), sample.patches)
+    assert outcome.losses.total.item() == pytest.approx(truth.square().mean().item(), rel=1e-5)
+    assert outcome.inside.item() == 0
