@@ -87,8 +87,10 @@ def _run(
         case FewshotOptions():
             return (
                 f"checkpoint: {run_fewshot(options)}",
-                f"next: {program} evaluate --run {options.run} --data {options.data}",
-                f"  or: {program} render --run {options.run} --out {options.run / 'turntable'}",
+                f"next: {program} evaluate --checkpoint {options.run} --data {options.data} "
+                f"--out {options.run / 'evaluation'}",
+                f"  or: {program} render --checkpoint {options.run} "
+                f"--out {options.run / 'turntable'}",
             )
         case EvaluateOptions():
             run_evaluate(options)
