@@ -135,6 +135,7 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
         source_digests=annotation_digests(found, seen),
         findings=(*seen.findings, *model_findings, *_agreement(found, seen, fits)),
         reader=AistReader(seen.views, AistScene(seen.frames, fits, model.faces), seen.given),
+        published_background="white",
     )
 
 
