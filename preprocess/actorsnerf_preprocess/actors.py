@@ -13,6 +13,8 @@ from actorsnerf_preprocess.atlas import SeamedMesh, cut_seams, texel_values
 from actorsnerf_preprocess.cloth_regions import (
     CIHP_HAIR,
     CIHP_SKIRT,
+    CIHP_TOP,
+    CIHP_TROUSERS,
     cihp_labels,
     cloth_depth,
     in_hair,
@@ -82,6 +84,17 @@ class Studio:
 
 
 @dataclass(frozen=True)
+class Part:
+    """The faces of a layer that carry one label."""
+
+    label: int
+    rows: Int64
+    """(P,) vertices of the seamed mesh that its faces use."""
+    faces: Int64
+    """(F, 3) into `rows`."""
+
+
+@dataclass(frozen=True)
 class Layer:
     """One layer of one actor."""
 
@@ -90,8 +103,7 @@ class Layer:
     """(V,) how far the layer stands off, along its normals, metres."""
     lag: Float64
     """(V,) share of the past in where the layer is."""
-    parts: tuple[tuple[int, Int64], ...]
-    """(label, faces of the seamed mesh)."""
+    parts: tuple[Part, ...]
     paint: Paint
 
 
@@ -193,12 +205,13 @@ def draw_meshes(dressed: DressedActor, pose: FramePose) -> list[Mesh]:
             normals = _normals(vertices, layer.wear)
         standing = vertices + layer.ease[:, None] * normals
         source, uv = layer.wear.mesh.source, layer.wear.mesh.uv
-        drawn = standing[source].astype(np.float32)
-        drawn_normals = normals[source].astype(np.float32)
-        meshes += [
-            Mesh(drawn, drawn_normals, faces, uv, layer.paint, label)
-            for label, faces in layer.parts
-        ]
+        for part in layer.parts:
+            rows = source[part.rows]
+            drawn = standing[rows].astype(np.float32)
+            drawn_normals = normals[rows].astype(np.float32)
+            meshes.append(
+                Mesh(drawn, drawn_normals, part.faces, uv[part.rows], layer.paint, part.label)
+            )
     return meshes
 
 
@@ -261,15 +274,15 @@ def _subdivided(garment: Garment) -> Garment:
     )
 
 
-def _parts(
-    wear: Wear, labels: UInt8, kept: NDArray[np.bool_] | None = None
-) -> tuple[tuple[int, Int64], ...]:
-    """The seamed faces by label; `kept` (F,) says which faces there are."""
+def _parts(wear: Wear, labels: UInt8, kept: NDArray[np.bool_] | None = None) -> tuple[Part, ...]:
+    """The seamed faces by label; `kept` (F,) drops faces where it is false."""
     chosen = np.ones(len(labels), dtype=bool) if kept is None else kept
-    return tuple(
-        (int(label), wear.mesh.faces[chosen & (labels == label)])
-        for label in np.unique(labels[chosen])
-    )
+    parts = []
+    for label in np.unique(labels[chosen]):
+        corners = wear.mesh.faces[chosen & (labels == label)]
+        rows, faces = np.unique(corners, return_inverse=True)
+        parts.append(Part(int(label), rows, faces.reshape(-1, 3)))
+    return tuple(parts)
 
 
 def _middles(garment: Garment) -> Float64:
@@ -301,7 +314,8 @@ def _suit_layer(studio: Studio, outfit: Outfit, paint: Paint) -> Layer:
     worn = outfit.bottom_ease + (outfit.top_ease - outfit.bottom_ease) * over_hem
     ease = np.where(depth > HEM, worn, HIDDEN + (worn - HIDDEN) * np.clip(depth / HEM + 0.9, 0, 1))
     visible: NDArray[np.bool_] = np.any((depth > -HEM)[garment.faces], axis=1)
-    labels = cihp_labels(_middles(garment), outfit)
+    top = _middles(garment)[:, 1] > outfit.top_hem
+    labels = np.where(top, CIHP_TOP, CIHP_TROUSERS).astype(np.uint8)
     return Layer(
         studio.suit, ease, np.zeros(len(ease)), _parts(studio.suit, labels, visible), paint
     )
@@ -314,7 +328,7 @@ def _skirt_layer(studio: Studio, paint: Paint) -> Layer:
     shortened[:, 1] = np.maximum(shortened[:, 1], SKIRT_END)
     wear = replace(studio.skirt, garment=replace(garment, template=shortened))
     hanging = np.clip((-0.25 - shortened[:, 1]) / 0.3, 0.0, 1.0)
-    kept = (shortened[garment.faces, 1].max(axis=1) > SKIRT_END).astype(np.float64)
+    kept: NDArray[np.bool_] = shortened[garment.faces, 1].max(axis=1) > SKIRT_END
     labels = np.full(len(garment.faces), CIHP_SKIRT, dtype=np.uint8)
     ease = 0.004 + 0.05 * hanging
     return Layer(wear, ease, LAG_SHARE * hanging, _parts(wear, labels, kept), paint)

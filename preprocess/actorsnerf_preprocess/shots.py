@@ -86,8 +86,7 @@ def take(renderer: MeshRenderer, meshes: Sequence[Mesh], rig: Rig, lighting: Lig
 
 def _box(meshes: Sequence[Mesh], lens: Lens) -> tuple[int, int, int, int]:
     """Left, top, right, bottom of the distorted person with a margin, cut at the picture."""
-    layers = {id(mesh.vertices): mesh.vertices for mesh in meshes}
-    points = np.concatenate([vertices[::3] for vertices in layers.values()]).astype(np.float64)
+    points = np.concatenate([mesh.vertices[::3] for mesh in meshes]).astype(np.float64)
     pinhole = lens.pinhole
     rotation = cv2.Rodrigues(pinhole.R)[0]
     seen = cv2.projectPoints(points, rotation, pinhole.T, pinhole.K, lens.distortion)[0][:, 0]
