@@ -49,7 +49,7 @@ def check_sequence(path: Path, body_model: Path | None = None) -> tuple[Finding,
         try:
             header = read_header(file, path)
         except LayoutError as error:
-            return (Finding("error", "header", str(error)),)
+            return (Finding("error", "header", str(error)), *digest_findings(file))
         geometry = [*camera_findings(header), *fit_findings(header)]
         index = read_index(file)
         found = [*digest_findings(file), *geometry]

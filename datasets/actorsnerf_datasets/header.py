@@ -120,7 +120,7 @@ def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> Seq
         posed_vertices: with those of all frames (45 MB in a ZJU-MoCap sequence), or with none.
 
     Raises:
-        LayoutError: an entry is missing, or has another shape or dtype than the layout says.
+        LayoutError: an entry is missing, damaged, or of another shape or dtype than the layout's.
     """
     for misfit in misfits(forms(file)):
         raise LayoutError(
@@ -130,6 +130,16 @@ def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> Seq
     for name in ROOT_ATTRIBUTES:
         if name not in file.attrs:
             raise LayoutError(f"{path}: attribute {name!r} is missing: was the file edited?")
+    try:
+        return _header(file, path, posed_vertices)
+    except (OSError, RuntimeError) as error:
+        raise LayoutError(
+            f"{path}: an entry of cameras, frames, fits, actor or protocols cannot be decoded "
+            f"({error}): is the file damaged? Run: python -m actorsnerf_datasets check {path}"
+        ) from error
+
+
+def _header(file: h5py.File, path: Path, posed_vertices: bool) -> SequenceHeader:
     return SequenceHeader(
         sequence=str(file.attrs["sequence"]),
         actor=str(file.attrs["actor"]),
@@ -141,7 +151,7 @@ def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> Seq
             **{field.name: file["actor"][field.name][:] for field in fields(ActorShape)}
         ),
         protocols=_protocols(file, path),
-        provenance=_provenance(file),
+        provenance=_provenance(file, path),
     )
 
 
@@ -233,7 +243,7 @@ def _frame_numbers(dataset: h5py.Dataset) -> tuple[int, ...]:
     return tuple(int(number) for number in dataset[:])
 
 
-def _provenance(file: h5py.File) -> Provenance:
+def _provenance(file: h5py.File, path: Path) -> Provenance:
     attributes = file.attrs
     paths, digests = (file[f"provenance/source_{key}"].asstr()[:] for key in ("path", "sha256"))
     return Provenance(
@@ -244,6 +254,16 @@ def _provenance(file: h5py.File) -> Provenance:
         background=attributes["background"],
         mask_source=str(attributes["mask_source"]),
         source_terms=str(attributes["source_terms"]),
-        notes=tuple(json.loads(str(attributes["notes"]))),
+        notes=_notes(str(attributes["notes"]), path),
         source_digests=tuple((str(a), str(b)) for a, b in zip(paths, digests, strict=True)),
     )
+
+
+def _notes(text: str, path: Path) -> tuple[str, ...]:
+    try:
+        listed = json.loads(text)
+    except ValueError:
+        listed = None
+    if not isinstance(listed, list):
+        raise LayoutError(f"{path}: attribute 'notes' is no JSON list: was the file edited?")
+    return tuple(str(note) for note in listed)
