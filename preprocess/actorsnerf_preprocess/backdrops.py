@@ -22,7 +22,8 @@ def studio(pinhole: Pinhole, rng: np.random.Generator) -> UInt8:
     folds = 5 * np.sin(np.arange(width) / width * rng.uniform(60, 90) + rng.uniform(0, 6))
     grey = STUDIO_GREY + cloth + folds
     grain = rng.normal(0, 1.5, (height, width, 3))
-    return np.clip(grey[..., None] * (1.0, 1.02, 1.08) + grain, 0, 255).astype(np.uint8)
+    curtain: UInt8 = np.clip(grey[..., None] * (1.0, 1.02, 1.08) + grain, 0, 255).astype(np.uint8)
+    return curtain
 
 
 def hall(pinhole: Pinhole, rng: np.random.Generator) -> UInt8:
@@ -34,7 +35,8 @@ def hall(pinhole: Pinhole, rng: np.random.Generator) -> UInt8:
     wall = np.array(HALL_WALL) * (1 + 0.12 * _clouds((height, width), 5, rng))[..., None]
     colours = np.where(floor[..., None], np.array(HALL_FLOOR) * shade[..., None], wall)
     colours += TEXTURE * _clouds((height, width), max(width // 4, 4), rng)[..., None]
-    return np.clip(colours, 0, 255).astype(np.uint8)
+    empty: UInt8 = np.clip(colours, 0, 255).astype(np.uint8)
+    return empty
 
 
 def _floor_points(pinhole: Pinhole) -> tuple[Float64, Float64]:

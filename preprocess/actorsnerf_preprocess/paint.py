@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from actorsnerf_datasets.types import Float32, Float64, UInt8
 from actorsnerf_preprocess.cloth_regions import BOTTOM, HAIR, SHOE, TOP, on_arm, region_of
@@ -115,7 +116,7 @@ def _marked(colours: Float64, points: Float64, outfit: Outfit) -> Float64:
     return colours
 
 
-def _mark(name: str) -> UInt8:
+def _mark(name: str) -> NDArray[np.bool_]:
     """A bool picture of a number, a letter or a simple figure."""
     canvas = np.zeros((MARK_PIXELS, MARK_PIXELS), dtype=np.uint8)
     middle = MARK_PIXELS // 2

@@ -122,13 +122,14 @@ def _developed(rig: Rig, view: View, straight: Float32, box: tuple[int, int, int
     size = (right - left, bottom - top)
     shift = view.camera.K[:2, 2] - rig.lens.pinhole.finer(FINER).K[:2, 2]
     places = straight + shift.astype(np.float32)
+    lookup = (np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1]))
     drawn = np.concatenate(
         [view.drawing.rgb, np.where(view.drawing.labels > 0, 255, 0).astype(np.uint8)[..., None]], 2
     )
-    bent = cv2.remap(drawn, places, None, cv2.INTER_LINEAR)
+    bent = cv2.remap(drawn, *lookup, cv2.INTER_LINEAR)
     small = cv2.resize(bent, size, interpolation=cv2.INTER_AREA)
     share = small[..., 3].astype(np.float32) / 255
-    labels = cv2.remap(view.drawing.labels, places, None, cv2.INTER_NEAREST)
+    labels = np.asarray(cv2.remap(view.drawing.labels, *lookup, cv2.INTER_NEAREST))
     labels = labels.reshape(size[1], FINER, size[0], FINER).max(axis=(1, 3))
     labels = np.where(share >= 0.5, np.where(labels == 0, UNKNOWN_PART, labels), 0)
     inside = (slice(top, bottom), slice(left, right))

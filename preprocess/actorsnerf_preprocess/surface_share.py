@@ -45,4 +45,5 @@ def seen_vertices(view: View, vertices: Float64, normals: Float64) -> NDArray[np
     columns, rows = pixels[inside].T
     drawn = depth[rows, columns]
     seen[inside] = (drawn > 0) & (local[inside, 2] < drawn + COVER)
-    return seen & facing
+    seen &= facing
+    return seen
