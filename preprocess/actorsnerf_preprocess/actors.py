@@ -31,8 +31,8 @@ from actorsnerf_preprocess.outfits import Outfit, draw_outfit
 from actorsnerf_preprocess.paint import paint_fabric, paint_hair, paint_person
 from actorsnerf_preprocess.renderer import Mesh, MeshRenderer, Paint
 
-TEXTURE_SIZE = 1024
-"""Texels per side on body and suit: about 2 mm on skin."""
+TEXTURE_SIZE = 768
+"""Texels per side on body and suit: about 3 mm on skin."""
 SMALL_TEXTURE_SIZE = 256
 BETA_LIMIT = 1.8
 BETA_SPREAD = 0.8

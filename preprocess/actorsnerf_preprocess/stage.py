@@ -110,30 +110,39 @@ def pool_size(frames: int) -> int:
     return min(300, int(0.6 * frames))
 
 
+@dataclass(frozen=True)
+class Recording:
+    """How a data set records a dance."""
+
+    frames_per_second: float
+    stride: int = 1
+    """Every so many frames are used by studies; dancers turn that much more slowly."""
+    shaped: bool = True
+    """Whether bodies differ by betas; AIST++ knows only one shape."""
+
+
 def performances(
-    options: SyntheticOptions,
-    renderer: MeshRenderer,
-    frames_per_second: float,
-    shaped: bool = True,
+    options: SyntheticOptions, renderer: MeshRenderer, recording: Recording
 ) -> Iterator[Performance]:
     """The actors one after the other, pre-training first; the seed decides all of them.
 
     Args:
         options: how many, and how long.
         renderer: gets their paints.
-        frames_per_second: of their dances.
-        shaped: whether bodies differ by betas; AIST++ knows only one shape.
+        recording: tempo of the dances and variety of the bodies.
     """
     studio = open_studio(options.texture)
     roles: list[tuple[int, Role]] = [(index, "pretraining") for index in range(options.actors)]
     roles += [(index, "held_out") for index in range(options.held_out)]
     for index, role in roles:
-        actor = draw_actor(options.seed, index, role, shaped)
+        actor = draw_actor(options.seed, index, role, recording.shaped)
         rng = np.random.default_rng([options.seed, index, int(role == "held_out"), 1])
-        yaw = turning_yaw(rng, role, options.frames, pool_size(options.frames))
+        used = -(-options.frames // recording.stride)
+        turns = turning_yaw(rng, role, used, pool_size(used))
+        yaw = np.interp(np.arange(options.frames) / recording.stride, np.arange(used), turns)
         joints, _ = rest(studio.body, actor.betas)
         dance = DANCES[role][index % len(DANCES[role])]
-        motion = draw_motion(rng, dance, yaw, joints, frames_per_second)
+        motion = draw_motion(rng, dance, yaw, joints, recording.frames_per_second)
         yield Performance(dress(studio, actor, renderer), motion, dance)
 
 

@@ -33,6 +33,7 @@ from actorsnerf_preprocess.stage import (
     SIGN,
     TRUTH,
     Performance,
+    Recording,
     SyntheticOptions,
     claim,
     performances,
@@ -93,7 +94,7 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
     truth: dict[str, object] = {}
     rigs = studio_rigs(options)
     with MeshRenderer() as renderer:
-        for performance in performances(options, renderer, FRAMES_PER_SECOND):
+        for performance in performances(options, renderer, Recording(FRAMES_PER_SECOND)):
             place = _place(root, performance, options)
             truth[place.folder.name] = _write_actor(
                 place, performance, renderer, rigs, options, progress
