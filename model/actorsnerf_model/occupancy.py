@@ -94,7 +94,8 @@ def pose_occupancy(
     needed = threshold * (1 - 1e-4) - 24 * tables.level
     # Place of cell (0, 0, 0)'s middle, and one cell's step along x, y, z, in fine cells.
     motions = canonical_from_body[:, :3]
-    middle = (motions[..., :3] @ (bounds[0] + cell / 2)) + motions[..., 3]
+    # Sums of products here and below: autocast would halve a matrix product's precision.
+    middle = (motions[..., :3] * (bounds[0] + cell / 2)).sum(-1) + motions[..., 3]
     start = (middle - tables.low) / tables.spacing
     steps = motions[..., :3] * (cell / tables.spacing)[:, None]
     for bone, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
@@ -117,8 +118,8 @@ def _touched(
     half = shapes * tables.spacing / 2
     rotation, translation = canonical_from_body[:, :3, :3], canonical_from_body[:, :3, 3]
     back = rotation.transpose(-1, -2)
-    middle = (back @ (tables.low + half - translation)[..., None])[..., 0]
-    extent = (back.abs() @ half[..., None])[..., 0]
+    middle = (back * (tables.low + half - translation)[..., None, :]).sum(-1)
+    extent = (back.abs() * half[..., None, :]).sum(-1)
     first = torch.floor((middle - extent - low) / tables.cell).long() - 1
     last = torch.ceil((middle + extent - low) / tables.cell).long() + 1
     nothing = torch.zeros_like(sizes)

@@ -49,6 +49,14 @@ def test_no_possible_point_lies_in_an_empty_cell(
         assert in_true_cells(points[likelihood >= 0.01], occupancy).all()
 
 
+def test_autocast_empties_no_cell(generator: torch.Generator, scene: "ToyScene") -> None:
+    tables = occupancy_tables(scene.actor.volume, scene.actor.bounds, 0.04)
+    there, box = posed(generator, scene.actor.canonical_joints)
+    with torch.autocast("cpu", torch.bfloat16):
+        inside = pose_occupancy(tables, there, box, 0.01)
+    assert torch.equal(inside.cells, pose_occupancy(tables, there, box, 0.01).cells)
+
+
 def test_most_of_the_box_is_empty(
     generator: torch.Generator, scene: "ToyScene", rest_joints: torch.Tensor
 ) -> None:

@@ -1,4 +1,4 @@
-"""The command line: pretrain, fewshot, evaluate, render."""
+"""The command line: pretrain, fewshot, evaluate, render, stability."""
 
 import inspect
 import os
@@ -15,6 +15,7 @@ from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
+from actorsnerf_train.stability import StabilityOptions, UnstableError, run_stability
 
 DESCRIPTION = """Train, evaluate and animate people from prepared files.
 
@@ -22,6 +23,7 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   fewshot    fit one unseen actor from a few of its pictures
   evaluate   measure the fitted actor in unseen poses and views
   render     turntables, new poses, meshes; needs no data file
+  stability  try hard cases on any checkpoint; a table of errors and verdicts
 
 Prepared files come from: python -m actorsnerf_preprocess prepare --help
 Several GPUs: torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
@@ -46,11 +48,15 @@ Options = (
     ]
     | Annotated[EvaluateOptions, tyro.conf.subcommand("evaluate")]
     | Annotated[AnimateOptions, tyro.conf.subcommand("render")]
+    | Annotated[StabilityOptions, tyro.conf.subcommand("stability")]
 )
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit status: 0 done, 2 something outside the program is wrong, 130 stopped by Ctrl-C."""
+    """Exit status: 0 done, 2 something outside the program is wrong, 130 stopped by Ctrl-C.
+
+    1: a hard case of `stability` is out of its bounds.
+    """
     keep_memory()
     options = tyro.cli(
         Options,  # type: ignore[arg-type]  # tyro takes unions; its stub says classes
@@ -64,6 +70,9 @@ def main(arguments: list[str] | None = None) -> int:
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except UnstableError as failure:
+        print(*failure.lines, sep="\n")
+        return 1
     except KeyboardInterrupt:
         print("stopped; the same command goes on from the last checkpoint", file=sys.stderr)
         return INTERRUPTED
@@ -73,7 +82,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _run(
-    options: PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions,
+    options: (
+        PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions | StabilityOptions
+    ),
 ) -> tuple[str, ...]:
     """What to tell when the command is done."""
     program = "python -m actorsnerf_train"
@@ -97,6 +108,8 @@ def _run(
             return (f"result: {options.out / 'result.md'}",)
         case AnimateOptions():
             return tuple(map(str, run_render(options)))
+        case StabilityOptions():
+            return run_stability(options)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Whom the hard cases are tried on: a checkpoint's actor or an invented one, at three precisions."""
+"""Whom the hard cases are tried on: a checkpoint's or an invented actor, in three precisions."""
 
 import copy
 from dataclasses import dataclass, fields, replace

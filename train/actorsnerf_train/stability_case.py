@@ -10,10 +10,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.states import RenderOptions
-from actorsnerf_datasets.torch_dataset import View
 
 Precision = Literal["float64", "float32", "bfloat16"]
 PRECISIONS: tuple[Precision, ...] = ("float64", "float32", "bfloat16")
@@ -127,12 +127,20 @@ class Row:
 
 
 def judged(case: Case, subjects: tuple[Subject, ...]) -> Row:
-    """The case at every precision.
+    """The case at every precision; one that breaks off has failed, and its row says why.
 
     Args:
         case: what to do.
         subjects: float64 first; it gives the truth.
     """
+    try:
+        return _judged(case, subjects)
+    except (RuntimeError, ValueError) as error:
+        note = f"breaks off: {str(error).splitlines()[0]}"
+        return Row(case.group, case.name, case.measured, (), None, False, math.inf, note)
+
+
+def _judged(case: Case, subjects: tuple[Subject, ...]) -> Row:
     reference = _run(case.answer, subjects[0])
     truth = reference if case.truth is None else _run(case.truth, subjects[0])
     results = []

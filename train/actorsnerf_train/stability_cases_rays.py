@@ -53,9 +53,7 @@ def ray_cases() -> list[Case]:
     return cases
 
 
-def _span(
-    name: str, origin: Place, direction: Place, expected: tuple[float, float] | None
-) -> Case:
+def _span(name: str, origin: Place, direction: Place, expected: tuple[float, float] | None) -> Case:
     def answer(subject: Subject) -> Answer:
         start = subject.tensor(torch.tensor(origin, dtype=torch.float64)).requires_grad_()
         way = subject.tensor(torch.tensor([direction], dtype=torch.float64)).requires_grad_()
@@ -150,9 +148,7 @@ def looking(
     reach = float((bounds[1] - bounds[0]).norm())
     distance = 1.5 * reach
     focal = size[1] * fill * distance / reach
-    K = bounds.new_tensor(
-        [[focal, 0, size[0] / 2 - 0.5], [0, focal, size[1] / 2 - 0.5], [0, 0, 1]]
-    )
+    K = bounds.new_tensor([[focal, 0, size[0] / 2 - 0.5], [0, focal, size[1] / 2 - 0.5], [0, 0, 1]])
     return Camera(K, camera_around(bounds.mean(0), angle, distance), size)
 
 

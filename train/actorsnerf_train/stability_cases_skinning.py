@@ -40,7 +40,6 @@ def skinning_cases(subject: Subject) -> list[Case]:
     fast = {f"fastest frame {i + 1}": pose for i, pose in enumerate(subject.poses.double().cpu())}
     poses = {**named_poses(), **fast}
     cases = [_warped(name, pose) for name, pose in poses.items()]
-    cases += [_decided(name, pose) for name, pose in poses.items()]
     for factor in (0.5, 2.0, -1.0):
         cases.append(_warped(f"splits, rest joints times {factor:g}", poses["splits"], factor))
     cases += [_zero_rows(), _nobody_holds(), _nothing_anywhere(), _box_corners()]
@@ -117,56 +116,6 @@ def slow_warp(
     return torch.cat([total / likelihood.clamp(min=1e-4)[:, None], likelihood[:, None]], -1)
 
 
-def _decided(name: str, pose: Float[Tensor, "24 3"]) -> Case:
-    """Points a hair above and below the threshold, found by bisection from in- to outside."""
-
-    def answer(subject: Subject) -> Answer:
-        points, above = _brink(subject, pose)
-        joints = subject.supports[0].canonical_joints
-        there, _ = bone_motions(subject.tensor(pose), joints, joints)
-        body = subject.state.body
-        threshold = subject.options.threshold
-        found = locate(points, body.skinning, body.bounds, there, threshold)
-        kept = torch.zeros_like(above).index_fill_(0, found.index, True)
-        values = torch.stack([kept, above], -1).double()
-        note = f"{len(above)} points within 0.1 % of the threshold"
-        return Answer(values[:, 0], note=note)
-
-    def truth(subject: Subject) -> Answer:
-        return Answer(_brink(subject, pose)[1].double())
-
-    measured = "points lost or won at likelihood 0.999 and 1.001 of the threshold"
-    return Case("threshold", name, measured, EXACT, answer, truth)
-
-
-def _brink(subject: Subject, pose: Float[Tensor, "24 3"]) -> tuple[Tensor, Tensor]:
-    """Points just above and just below the threshold, and which are above."""
-    volume = subject.state.body.skinning
-    double = SkinningVolume(volume.weights.double(), volume.box.double())
-    joints = subject.supports[0].canonical_joints.double()
-    there, _ = bone_motions(pose.to(joints), joints, joints)
-    generator = torch.Generator().manual_seed(3)
-    inside = posed_frames(pose.to(joints), joints)[1].repeat(2, 1)
-    way = torch.randn(inside.shape, generator=generator, dtype=torch.float64).to(inside)
-    outside = inside + 3 * way / way.norm(dim=-1, keepdim=True)
-    sides = []
-    for share in (1.001, 0.999):
-        wanted, low, high = share * subject.options.threshold, inside, outside
-        for _ in range(60):
-            middle = (low + high) / 2
-            person = backward_warp(middle, double, there)[1] >= wanted
-            low = torch.where(person[:, None], middle, low)
-            high = torch.where(person[:, None], high, middle)
-        sides.append(low.float().to(subject.like))
-    points = torch.cat(sides)
-    likely = backward_warp(points.double(), double, there)[1]
-    share = likely / subject.options.threshold
-    # A bone's sharp edge jumps over the brink; what is not near it says nothing.
-    near = (share - 1).abs() < 2e-3
-    sure = (share - 1).abs() > UNSURE
-    return points[near & sure], share[near & sure] > 1
-
-
 def _zero_rows() -> Case:
     """A third of the volume holds nothing: no bone, and no background either."""
 
@@ -208,7 +157,9 @@ def _nobody_holds() -> Case:
     def truth(subject: Subject) -> Answer:
         return Answer(torch.zeros_like(subject.state.body.body_from_canonical[:, :2, 0, :3]))
 
-    return Case("skinning", "no bone holds the point", "way that it moves (m)", EXACT, answer, truth)
+    return Case(
+        "skinning", "no bone holds the point", "way that it moves (m)", EXACT, answer, truth
+    )
 
 
 def _nothing_anywhere() -> Case:
