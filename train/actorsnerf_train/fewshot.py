@@ -44,7 +44,7 @@ class FewshotOptions:
     """Prepared file of the new actor (held out for testing)."""
     run: Path
     """Folder for checkpoints, log, curves and sample pictures."""
-    category: Path | Literal["scratch"]
+    category: Literal["scratch"] | Path
     """Run folder or checkpoint of the category training; "scratch" begins from random weights and
     trains every part, to compare with."""
     protocol: str = "fewshot-10"

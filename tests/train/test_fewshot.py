@@ -1,0 +1,126 @@
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+import h5py
+import pytest
+import torch
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
+from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
+from actorsnerf_train.options import Changes, Resources
+from actorsnerf_train.trained import load_trained
+
+
+class People(Protocol):
+    ann: Path
+    eve: Path
+
+
+@pytest.fixture
+def options(people: People, quick: Changes, category_run: Path, tmp_path: Path) -> FewshotOptions:
+    use = Resources(workers=0, check=False)
+    run = tmp_path / "run"
+    return FewshotOptions(people.eve, run, category_run, "fewshot-5", change=quick, use=use)
+
+
+def test_category_parts_stand_still_and_the_others_move(
+    fewshot_run: Path, category_run: Path
+) -> None:
+    before = load_checkpoint(category_run).part("model")
+    after = load_checkpoint(fewshot_run).part("model")
+    assert before.keys() == after.keys()
+    moved = {name.split(".")[0] for name in before if not torch.equal(before[name], after[name])}
+    assert moved == {"deformation", "sparse", "radiance"}
+
+
+def test_a_fitting_tells_where_it_comes_from(fewshot_run: Path, category_run: Path) -> None:
+    info, category = load_checkpoint(fewshot_run).info, load_checkpoint(category_run).info
+    assert info.origin.category_digest == category.tensors_sha256
+    assert (info.origin.category_step, info.origin.category_data) == (6, category.data)
+    setting = info.setting
+    assert setting is not None
+    assert (setting.name, setting.list_name, setting.protocol) == (
+        "fewshot-5",
+        "official",
+        "generic",
+    )
+    assert (len(setting.frames), len(setting.supports)) == (5, 3)
+
+
+def test_the_deformation_moves_points_at_the_end(fewshot_run: Path, category_run: Path) -> None:
+    """Of both short trainings: it has kicked in, and its last layer has left its start near 0."""
+    for run in (fewshot_run, category_run):
+        info = load_checkpoint(run)
+        bias = info.part("model")["deformation.offset.bias"]
+        assert bias.abs().max() > 1e-5, run
+    trained = load_trained(fewshot_run, torch.device("cpu"))
+    state, deformation = trained.state, trained.method.deformation  # type: ignore[attr-defined]  # ActorsNeRF
+    assert state.window > 0
+    points = torch.rand(50, 3, generator=torch.Generator().manual_seed(3)) * 2 - 1
+    octaves = trained.config.model.deformation_net.octaves
+    views, code = trained.config.model.views, trained.config.model.deformation_net.code
+    offsets = deformation(points, float(octaves), torch.zeros(24, 3), torch.zeros(50, views, code))
+    assert offsets.abs().mean() > 1e-5
+
+
+def test_a_missing_category_checkpoint_is_an_error(options: FewshotOptions, tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="no such run folder or checkpoint; pretrain first"):
+        run_fewshot(replace(options, category=tmp_path / "nothing"))
+    (tmp_path / "begun").mkdir()
+    with pytest.raises(CheckpointError, match="holds no checkpoint"):
+        run_fewshot(replace(options, category=tmp_path / "begun"))
+    assert not options.run.exists()
+
+
+def test_from_scratch_is_asked_by_name_and_trains_everything(options: FewshotOptions) -> None:
+    change = replace(options.change, steps=2)
+    scratch = replace(options, category="scratch", preset="tiny", change=change)
+    info = load_checkpoint(run_fewshot(scratch)).info
+    assert info.origin.category_digest is None
+    assert info.configuration["freeze_category"] is False
+
+
+def test_a_checkpoint_of_another_preset_is_refused(options: FewshotOptions) -> None:
+    with pytest.raises(
+        CheckpointError, match="trained with the preset tiny, but official is asked"
+    ):
+        run_fewshot(replace(options, preset="official"))
+
+
+def test_a_fewshot_checkpoint_is_no_category(options: FewshotOptions, fewshot_run: Path) -> None:
+    with pytest.raises(
+        CheckpointError, match="is a few-shot checkpoint, expected one of a category"
+    ):
+        run_fewshot(replace(options, category=fewshot_run))
+
+
+def test_the_actor_must_be_unseen(options: FewshotOptions, people: People, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="actor ann was in the category training already"):
+        run_fewshot(replace(options, data=people.ann))
+    renamed = tmp_path / "renamed.h5"
+    shutil.copy(people.eve, renamed)
+    with h5py.File(renamed, "r+") as file:
+        file.attrs["actor"] = "ben"
+    with pytest.raises(UserError, match="actor ben was in the category training already"):
+        run_fewshot(replace(options, data=renamed))
+
+
+def test_frames_that_are_not_there(options: FewshotOptions) -> None:
+    with pytest.raises(UserError, match="has no setting fewshot-300 for actor eve; it has"):
+        run_fewshot(replace(options, protocol="fewshot-300"))
+    with pytest.raises(UserError, match="has no protocol 'actorsnerf-zju'; it has generic"):
+        run_fewshot(replace(options, study="actorsnerf-zju"))
+    assert not options.run.exists()
+
+
+def test_a_killed_fitting_goes_on_bit_for_bit(options: FewshotOptions, fewshot_run: Path) -> None:
+    run_fewshot(options)
+    first = options.run / "checkpoints"
+    (first / "latest").write_text("step_000003\n")  # as if killed after step 3
+    for path in first.glob("step_000006.*"):
+        path.unlink()
+    resumed = load_checkpoint(run_fewshot(options))
+    assert resumed.info.tensors_sha256 == load_checkpoint(fewshot_run).info.tensors_sha256

@@ -1,0 +1,113 @@
+from pathlib import Path
+from typing import Protocol
+
+import pytest
+
+from actorsnerf_train import __main__ as program
+from actorsnerf_train.__main__ import main
+from actorsnerf_train.fewshot import FewshotOptions
+from actorsnerf_train.pretrain import PretrainOptions
+
+
+class People(Protocol):
+    eve: Path
+
+
+def run(*words: str | Path) -> int:
+    return main([str(word) for word in words])
+
+
+@pytest.mark.parametrize("command", ["pretrain", "fewshot", "evaluate", "render"])
+def test_every_command_teaches(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run(command, "--help")
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert "usage: python -m actorsnerf_train" in text
+    assert "(required)" in text
+
+
+def test_the_program_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        run("--help")
+    text = capsys.readouterr().out
+    for command in ("pretrain", "fewshot", "evaluate", "render"):
+        assert command in text
+
+
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("pretrain", "--data", tmp_path, "--run", tmp_path / "run") == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {tmp_path}: holds no prepared file (*.h5)")
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_category_checkpoint_is_exit_code_2(
+    people: People, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("fewshot", "--data", people.eve, "--from", tmp_path / "no", "--run", tmp_path / "run")
+    assert run(*words) == 2
+    assert "error: " in (error := capsys.readouterr().err)
+    assert "pretrain first" in error
+
+
+def test_words_become_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[PretrainOptions | FewshotOptions] = []
+
+    def pretrain(options: PretrainOptions) -> Path:
+        seen.append(options)
+        return Path("checkpoint.json")
+
+    def fewshot(options: FewshotOptions) -> Path:
+        seen.append(options)
+        return Path("checkpoint.json")
+
+    monkeypatch.setattr(program, "run_pretrain", pretrain)
+    monkeypatch.setattr(program, "run_fewshot", fewshot)
+    words = ("pretrain", "--data", "a.h5", "b", "--run", "r", "--preset", "tiny", "--steps", "5")
+    assert run(*words, "--without", "deformation", "--rate-scale", "0.5", "--no-check") == 0
+    words = ("fewshot", "--data", "c.h5", "--from", "scratch", "--run", "s", "--list", "auto")
+    assert run(*words, "--lpips-vgg", "v.pth") == 0
+    first, second = seen
+    assert isinstance(first, PretrainOptions)
+    assert first.data == (Path("a.h5"), Path("b"))
+    assert (first.preset, first.without, first.use.check) == ("tiny", ("deformation",), False)
+    assert (first.change.steps, first.change.rate_scale) == (5, 0.5)
+    assert isinstance(second, FewshotOptions)
+    assert (second.category, second.list, second.preset) == ("scratch", "auto", None)
+    assert second.use.lpips.lpips_vgg == Path("v.pth")
+
+
+def test_from_takes_a_folder_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[FewshotOptions] = []
+
+    def fewshot(options: FewshotOptions) -> Path:
+        seen.append(options)
+        return Path("checkpoint.json")
+
+    monkeypatch.setattr(program, "run_fewshot", fewshot)
+    assert run("fewshot", "--data", "c.h5", "--from", "runs/all", "--run", "s") == 0
+    assert seen[0].category == Path("runs/all")
+
+
+def test_stopping_by_hand_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(options: PretrainOptions) -> Path:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program, "run_pretrain", stopped)
+    assert run("pretrain", "--data", "a.h5", "--run", "r") == 130
+    assert "the same command goes on from the last checkpoint" in capsys.readouterr().err
+
+
+def test_only_one_process_of_torchrun_speaks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(program, "run_pretrain", lambda options: Path("checkpoint.json"))
+    monkeypatch.setenv("RANK", "1")
+    assert run("pretrain", "--data", "a.h5", "--run", "r") == 0
+    assert capsys.readouterr().out == ""
