@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from actorsnerf_datasets.types import Float32, Float64, UInt8
 from actorsnerf_preprocess.renderer import Pinhole
@@ -39,7 +40,7 @@ def hall(pinhole: Pinhole, rng: np.random.Generator) -> UInt8:
     return empty
 
 
-def _floor_points(pinhole: Pinhole) -> tuple[Float64, Float64]:
+def _floor_points(pinhole: Pinhole) -> tuple[NDArray[np.bool_], Float64]:
     """Whether each pixel's ray meets the floor within 12 m, and where (x, z)."""
     width, height = pinhole.size
     x, y = np.meshgrid(np.arange(width), np.arange(height))
@@ -48,7 +49,7 @@ def _floor_points(pinhole: Pinhole) -> tuple[Float64, Float64]:
     down = np.minimum(rays[..., 1], -1e-6)
     distance = -centre[1] / down
     ground = centre + distance[..., None] * rays
-    near: Float64 = (rays[..., 1] < 0) & (np.abs(ground).max(axis=-1) < 12)
+    near: NDArray[np.bool_] = (rays[..., 1] < 0) & (np.abs(ground).max(axis=-1) < 12)
     return near, ground[..., [0, 2]]
 
 

@@ -85,7 +85,7 @@ def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = Fals
     sign = {"generator": "actorsnerf synthetic", "format": "AIST++", **asdict(options)}
     (root / SIGN).write_text(json.dumps(sign, indent=2) + "\n")
     rigs = hall_rigs(options)
-    dancers = []
+    dancers: list[_Dancer] = []
     recording = Recording(FRAMES_PER_SECOND, STRIDE, shaped=False)
     with MeshRenderer() as renderer:
         for performance in performances(options, renderer, recording):

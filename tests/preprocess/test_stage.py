@@ -1,0 +1,96 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actorsnerf_datasets.types import Float64
+from actorsnerf_preprocess.renderer import MeshRenderer
+from actorsnerf_preprocess.source import SourceError
+from actorsnerf_preprocess.stage import (
+    PRESETS,
+    SIGN,
+    Performance,
+    Recording,
+    SyntheticOptions,
+    claim,
+    performances,
+    ring,
+)
+
+FEW = SyntheticOptions(actors=2, held_out=1, frames=24, texture=64)
+
+
+def played(options: SyntheticOptions, recording: Recording) -> list[Performance]:
+    with MeshRenderer() as renderer:
+        return list(performances(options, renderer, recording))
+
+
+def facing(performance: Performance) -> Float64:
+    """(F, 3) where the front of the body points."""
+    poses = [performance.pose(frame) for frame in range(performance.motion.frame_count)]
+    return np.stack([pose.world_from_body[:3, 2] for pose in poses])
+
+
+def test_the_ring_looks_at_the_dancer_from_all_sides() -> None:
+    cameras = ring(8, 3.0, 1.3, 500.0, (512, 480))
+    centres = np.stack([-camera.R.T @ camera.T for camera in cameras])
+    np.testing.assert_allclose(np.hypot(centres[:, 0], centres[:, 2]), 3.0)
+    np.testing.assert_allclose(centres[0], [0, 1.3, 3.0], atol=1e-12)
+    np.testing.assert_allclose(centres[:, 1], [1.3, 1.55] * 4)
+    for camera in cameras:
+        np.testing.assert_allclose(camera.R @ camera.R.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(camera.R) == pytest.approx(1.0)
+        waist = camera.R @ [0, 0.9, 0] + camera.T
+        assert np.abs(waist[:2]).max() < 1e-12 and waist[2] > 2.9
+        # Image y runs down.
+        assert camera.R[1] @ [0, 1, 0] < -0.9
+
+
+def test_the_seed_decides_everybody() -> None:
+    first, again, other = (
+        played(options, Recording(15.0)) for options in (FEW, FEW, replace(FEW, seed=1))
+    )
+    assert [each.name for each in first] == ["actor00", "actor01", "heldout00"]
+    assert [each.role for each in first] == ["pretraining", "pretraining", "held_out"]
+    for one, two, three in zip(first, again, other, strict=True):
+        np.testing.assert_array_equal(one.motion.poses, two.motion.poses)
+        np.testing.assert_array_equal(one.dressed.actor.betas, two.dressed.actor.betas)
+        assert np.abs(one.motion.poses - three.motion.poses).max() > 0.1
+        assert one.dressed.actor.outfit == two.dressed.actor.outfit
+    assert len({each.dance for each in first}) == 3
+
+
+def test_the_held_out_actor_faces_camera_one_at_first_and_turns_round_later() -> None:
+    *_, held_out = played(replace(FEW, frames=60), Recording(15.0))
+    front = facing(held_out)[:, 2]
+    assert front[:12].min() > 0.9
+    assert front[:36].min() < -0.9
+
+
+def test_a_stride_slows_the_turning_but_not_the_dance() -> None:
+    plain = played(FEW, Recording(15.0))[0]
+    slow = played(replace(FEW, frames=96), Recording(60.0, stride=4))[0]
+    np.testing.assert_allclose(slow.motion.poses[:92:4], plain.motion.poses[:23], atol=1e-9)
+    np.testing.assert_allclose(facing(slow)[:92:4], facing(plain)[:23], atol=1e-6)
+
+
+def test_one_shape_if_the_data_set_knows_only_one() -> None:
+    for performance in played(FEW, Recording(15.0, shaped=False)):
+        assert not performance.dressed.actor.betas.any()
+
+
+def test_a_foreign_folder_is_not_written_into(tmp_path: Path) -> None:
+    (tmp_path / "holiday.jpg").write_bytes(b"x")
+    with pytest.raises(SourceError, match=f"not empty and no synthetic data set .*{SIGN}"):
+        claim(tmp_path)
+    with pytest.raises(SourceError, match="name another"):
+        claim(tmp_path / "holiday.jpg")
+    claim(tmp_path / "new" / "folder")
+    (tmp_path / "new" / "folder" / SIGN).write_text("{}")
+    claim(tmp_path / "new" / "folder")
+
+
+def test_presets_leave_room_for_the_protocol() -> None:
+    assert PRESETS["evaluation"].frames >= 550
+    assert all(preset.held_out >= 1 and preset.cameras >= 2 for preset in PRESETS.values())
