@@ -36,7 +36,7 @@ INTERRUPTED = 130
 class _Fewshot(FewshotOptions):
     """The options of a fitting; on the command line `category` is called --from."""
 
-    category: Annotated[Path | Literal["scratch"], tyro.conf.arg(name="from")]
+    category: Annotated[Literal["scratch"] | Path, tyro.conf.arg(name="from")]
     """Run folder or checkpoint of the category training; "scratch" begins from random weights and
     trains every part, to compare with."""
 
