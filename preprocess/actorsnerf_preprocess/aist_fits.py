@@ -49,4 +49,5 @@ def fits_of_motion(motion: Motion, frames: Int64, model: BodyModel) -> tuple[Bod
 def world_joints(fits: BodyFits) -> Float64:
     """(F, 24, 3) posed joints in the world frame, metres."""
     rotation, translation = fits.world_from_body[:, :3, :3], fits.world_from_body[:, :3, 3]
-    return np.einsum("fij,fnj->fni", rotation, fits.posed_joints) + translation[:, None]
+    turned: Float64 = np.einsum("fij,fnj->fni", rotation, fits.posed_joints)
+    return turned + translation[:, None]

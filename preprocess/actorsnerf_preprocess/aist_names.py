@@ -3,47 +3,15 @@
 import re
 from collections.abc import Sequence
 
+from actorsnerf_datasets.published import AIST_SEQUENCES
+
 CAMERA_NAMES: tuple[str, ...] = tuple(f"c{number:02d}" for number in range(1, 10))
 """All nine views, in the order of the annotations."""
-
-HELD_OUT_DANCERS: tuple[str, ...] = ("d16", "d17", "d18", "d19", "d20")
-"""The five dancers of the paper's 25/5 split that no pre-training sees."""
 
 PAPER_SELECTION = "actorsnerf-30"
 """Name of the paper's selection: one advanced dance of each of the thirty dancers."""
 
-PAPER_SEQUENCES: tuple[str, ...] = (
-    "gJS_sFM_cAll_d01_mJS5_ch06",
-    "gJS_sFM_cAll_d02_mJS3_ch04",
-    "gJS_sFM_cAll_d03_mJS5_ch13",
-    "gBR_sFM_cAll_d04_mBR0_ch01",
-    "gBR_sFM_cAll_d05_mBR1_ch08",
-    "gBR_sFM_cAll_d06_mBR2_ch16",
-    "gJB_sFM_cAll_d07_mJB2_ch03",
-    "gJB_sFM_cAll_d08_mJB2_ch10",
-    "gJB_sFM_cAll_d09_mJB1_ch21",
-    "gPO_sFM_cAll_d10_mPO3_ch07",
-    "gPO_sFM_cAll_d11_mPO2_ch10",
-    "gPO_sFM_cAll_d12_mPO1_ch16",
-    "gLO_sFM_cAll_d13_mLO0_ch01",
-    "gLO_sFM_cAll_d14_mLO2_ch10",
-    "gLO_sFM_cAll_d15_mLO0_ch15",
-    "gLH_sFM_cAll_d16_mLH2_ch03",
-    "gLH_sFM_cAll_d17_mLH1_ch09",
-    "gLH_sFM_cAll_d18_mLH1_ch16",
-    "gHO_sFM_cAll_d19_mHO4_ch05",
-    "gHO_sFM_cAll_d20_mHO3_ch11",
-    "gHO_sFM_cAll_d21_mHO3_ch18",
-    "gMH_sFM_cAll_d22_mMH2_ch03",
-    "gMH_sFM_cAll_d23_mMH4_ch12",
-    "gMH_sFM_cAll_d24_mMH1_ch16",
-    "gWA_sFM_cAll_d25_mWA2_ch03",
-    "gWA_sFM_cAll_d26_mWA1_ch09",
-    "gWA_sFM_cAll_d27_mWA4_ch19",
-    "gKR_sFM_cAll_d28_mKR4_ch05",
-    "gKR_sFM_cAll_d29_mKR3_ch11",
-    "gKR_sFM_cAll_d30_mKR5_ch20",
-)
+PAPER_SEQUENCES: tuple[str, ...] = tuple(AIST_SEQUENCES.values())
 """As in the released preparation script; none of them is on the data set's ignore list."""
 
 KNOWN_BAD_VIEWS: dict[tuple[str, str], str] = {

@@ -19,6 +19,7 @@ from actorsnerf_preprocess.backgrounds import (
 )
 from actorsnerf_preprocess.given_masks import GivenMasks
 from actorsnerf_preprocess.masks import make_mask
+from actorsnerf_preprocess.presence import shows_somebody
 from actorsnerf_preprocess.silhouettes import body_silhouette, person_box
 from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture, SourceError
 
@@ -114,7 +115,12 @@ class AistReader:
             return mask
         if mask is None and self._given[camera_index] is None:
             body = self._scene.silhouette(self._views[camera_index], frame_index)
-            mask = make_mask(picture, self.background(camera_index), body)
+            stage = self.background(camera_index)
+            if not shows_somebody(picture, stage, body):
+                return Absent(
+                    str(self._views[camera_index].video.path), "empty stage where the body projects"
+                )
+            mask = make_mask(picture, stage, body)
         return RawPicture(picture, mask)
 
     def _estimated(self, camera_index: int) -> Background:

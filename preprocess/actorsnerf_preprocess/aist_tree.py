@@ -9,6 +9,8 @@ from actorsnerf_preprocess.source import SourceError
 
 MAX_DEPTH = 5
 """How many folders deep the parts are looked for."""
+TRUTH = "truth"
+"""Folder beside a synthetic tree with the generator's own knowledge; never read."""
 _VIDEO_ENDINGS = (".mp4", ".mkv", ".avi", ".mov", ".webm")
 
 
@@ -81,7 +83,7 @@ def _walk(root: Path) -> list[tuple[Path, list[str]]]:
     found = []
     for folder, inner, files in os.walk(root):
         path = Path(folder)
-        inner.sort()
+        inner[:] = sorted(name for name in inner if name != TRUTH)
         if len(path.relative_to(root).parts) >= MAX_DEPTH:
             inner.clear()
         found.append((path, sorted(files)))
