@@ -218,11 +218,12 @@ def _write_image(path: Path, image: UInt8) -> None:
 def _pairs(
     performance: Performance, cameras: tuple[str, ...], options: SyntheticOptions
 ) -> frozenset[tuple[str, int]]:
-    """(camera, frame position) pairs that are drawn."""
+    """(camera, frame position) pairs that are drawn: of the first camera, the whole pool too."""
     if options.full:
         return frozenset((camera, frame) for camera in cameras for frame in range(options.frames))
     protocol = generic_protocol(performance.role, list(cameras), np.arange(options.frames))
-    return frozenset(needed_pairs(protocol))
+    pool = {(cameras[0], frame) for frame in range(pool_size(options.frames))}
+    return frozenset(needed_pairs(protocol) | pool)
 
 
 def _write_annotations(place: _Place, rigs: tuple[Rig, ...], options: SyntheticOptions) -> None:

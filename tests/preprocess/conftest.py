@@ -1,4 +1,4 @@
-"""What the preparation's tests share: raw ZJU-MoCap trees made by hand from a tiny body."""
+"""What the preparation's tests share: raw ZJU-MoCap trees, by hand from a tiny body and drawn."""
 
 import os
 import pickle
@@ -16,6 +16,7 @@ from actorsnerf_datasets.pickles import load_npy
 from actorsnerf_datasets.rotations import matrix_from_axis_angle
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.free_body import write_tiny_body
+from actorsnerf_preprocess.synthetic import SyntheticOptions, write_zju_tree
 from actorsnerf_preprocess.zju_tree import Variant
 
 UPRIGHT = np.array([-np.pi / 2, 0.0, 0.0])
@@ -50,6 +51,17 @@ WriteTree = Callable[..., HandTree]
 def tiny_body(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An SMPL-format body of 24 boxes."""
     return write_tiny_body(tmp_path_factory.mktemp("body") / "tiny_neutral.npz")
+
+
+@pytest.fixture(scope="session")
+def synthetic_zju(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A raw ZJU-MoCap tree of two synthetic actors, drawn: 3 cameras, 12 frames, 128 pixels."""
+    root = tmp_path_factory.mktemp("synthetic") / "zju"
+    options = SyntheticOptions(
+        actors=1, held_out=1, frames=12, cameras=3, size=128, texture=256, full=False
+    )
+    write_zju_tree(root, options)
+    return root
 
 
 @pytest.fixture

@@ -62,19 +62,19 @@ def test_a_lens_puts_what_it_sees_where_opencv_projects_it(renderer: MeshRendere
     points = np.concatenate([outline, np.full((200, 1), 2.0)], 1)
     seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, DISTORTION)
     expected = np.array([seen[:, 0].min(axis=0), seen[:, 0].max(axis=0)])
-    np.testing.assert_allclose(found, expected, atol=0.75)
+    np.testing.assert_allclose(found, expected, atol=0.85)
     # Without the lens the far corner would be pixels away.
     straight = K[:2, :2] @ np.array([x[1], y[0]]) / 2.0 + K[:2, 2]
     assert np.abs(corners_seen(x, y) - straight).max(axis=1).min() > 2
 
 
 def test_the_middle_of_coverage_is_where_the_pinhole_sees_it(renderer: MeshRenderer) -> None:
-    """Sub-pixel: a shift of half a pixel, as GL's centres would give, is found."""
+    """Within the 1/8 pixel that 2 x 2 samples leave; half a fine pixel, as GL's, would be 1/4."""
     shot = take(renderer, [panel(renderer, (-0.3, 0.25), (-0.2, 0.3))], rig(np.zeros(5)), AMBIENT)
     weights = shot.coverage.astype(np.float64) / shot.coverage.sum()
     middle = [(weights.sum(0) @ np.arange(128)), (weights.sum(1) @ np.arange(120))]
     expected = 150 * np.array([-0.025, 0.05]) / 2.0 + K[:2, 2]
-    np.testing.assert_allclose(middle, expected, atol=0.06)
+    np.testing.assert_allclose(middle, expected, atol=0.126)
     area = shot.coverage.sum()
     assert area == pytest.approx(0.55 * 0.5 * 75**2, rel=0.02)
 
