@@ -32,6 +32,7 @@ from actorsnerf_train.methods import build_method
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
 from actorsnerf_train.run_folder import RunFolder
+from actorsnerf_train.stability_bench import Bench, make_bench
 
 CROP_SIZE = (48, 64)
 FRAMES = 20
@@ -112,7 +113,7 @@ def _fits(body: BodyModel, rng: np.random.Generator) -> BodyFits:
     )
 
 
-def _picture(header: SequenceHeader, camera: Camera, frame: int, colours: np.ndarray) -> Picture:  # type: ignore[type-arg]
+def _picture(header: SequenceHeader, camera: Camera, frame: int, colours: np.ndarray) -> Picture:
     """Every vertex as a coloured ball, near before far."""
     width, height = CROP_SIZE
     view = camera_from_world(camera.R, camera.T) @ header.fits.world_from_body[frame]
@@ -255,3 +256,9 @@ def make_training(people: People) -> Callable[[Path, TrainConfig], Training]:
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def bench() -> Bench:
+    """An untrained tiny method on an invented actor, in three precisions."""
+    return make_bench(None, None, "tiny", torch.device("cpu"))

@@ -69,8 +69,8 @@ def test_words_become_options(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(program, "run_fewshot", fewshot)
     words = ("pretrain", "--data", "a.h5", "b", "--run", "r", "--preset", "tiny", "--steps", "5")
     assert run(*words, "--without", "deformation", "--rate-scale", "0.5", "--no-check") == 0
-    words = ("fewshot", "--data", "c.h5", "--from", "scratch", "--run", "s", "--list", "auto")
-    assert run(*words, "--lpips-vgg", "v.pth") == 0
+    fit = ("fewshot", "--data", "c.h5", "--from", "scratch", "--run", "s", "--list", "auto")
+    assert run(*fit, "--lpips-vgg", "v.pth") == 0
     first, second = seen
     assert isinstance(first, PretrainOptions)
     assert first.data == (Path("a.h5"), Path("b"))

@@ -75,5 +75,5 @@ def test_residual_is_the_mean_over_voxels_of_the_channels_absolute_sum(
     logits = state.body.residual
     voxels = logits[0].numel()
     assert residual.item() == pytest.approx(logits.abs().double().sum().item() / voxels, rel=1e-5)
-    residual.backward()
+    torch.autograd.backward(residual)
     assert any(p.grad is not None for p in method.skinning.parameters())

@@ -43,7 +43,7 @@ def outcome_of(training: Training, sample: Sample, known: KnownActor, window: fl
 def test_every_part_that_is_used_gets_a_gradient(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
-    outcome_of(training, sample, known, 3.0).losses.total.backward()
+    torch.autograd.backward(outcome_of(training, sample, known, 3.0).losses.total)
     for name, parameter in training.method.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.isfinite().all(), name
@@ -52,7 +52,7 @@ def test_every_part_that_is_used_gets_a_gradient(
 def test_before_its_kick_in_the_deformation_gets_none(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
-    outcome_of(training, sample, known, 0.0).losses.total.backward()
+    torch.autograd.backward(outcome_of(training, sample, known, 0.0).losses.total)
     grads = {n: p.grad for n, p in training.method.named_parameters()}
     assert all(grads[name] is None for name in grads if name.startswith("deformation"))
     assert (

@@ -1,11 +1,12 @@
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import pytest
 
 from actorsnerf_train.config import TrainConfig, fewshot, pretraining
 from actorsnerf_train.records import RecordError, from_json, to_json
+from actorsnerf_train.result import Json
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ def test_every_configuration_survives(preset: str) -> None:
 def test_wrong_entries_are_named(key: str, value: object, sentence: str) -> None:
     record = to_json(OUTER)
     assert isinstance(record, dict)
+    wrong = cast(dict[str, Json], record | {key: value})
     with pytest.raises(RecordError, match=sentence):
-        from_json(Outer, record | {key: value}, "file")  # type: ignore[dict-item]  # wrong on purpose
+        from_json(Outer, wrong, "file")
 
 
 def test_what_json_cannot_hold_is_refused() -> None:

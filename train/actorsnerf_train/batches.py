@@ -91,12 +91,18 @@ def sample_to(sample: Sample, device: torch.device) -> Sample:
 
 def view_to(view: View, device: torch.device) -> View:
     """The view with its tensors on a device."""
-    moved = {
-        field.name: value.to(device, non_blocking=True)
-        for field in dataclasses.fields(view)
-        if isinstance(value := getattr(view, field.name), Tensor)
-    }
-    return dataclasses.replace(view, **moved)
+    return dataclasses.replace(
+        view,
+        image=view.image.to(device, non_blocking=True),
+        alpha=view.alpha.to(device, non_blocking=True),
+        K=view.K.to(device, non_blocking=True),
+        camera_from_body=view.camera_from_body.to(device, non_blocking=True),
+        pose=view.pose.to(device, non_blocking=True),
+        rest_joints=view.rest_joints.to(device, non_blocking=True),
+        rest_vertices=view.rest_vertices.to(device, non_blocking=True),
+        posed_vertices=view.posed_vertices.to(device, non_blocking=True),
+        canonical_joints=view.canonical_joints.to(device, non_blocking=True),
+    )
 
 
 def camera_of(view: View) -> Camera:

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_train.records import RecordError, from_json, to_json
+from actorsnerf_train.records import RecordError, from_json, to_json_object
 from actorsnerf_train.result import Json
 
 FORMAT = "actorsnerf-checkpoint"
@@ -136,8 +136,7 @@ def save_checkpoint(run: Path, info: CheckpointInfo, tensors: dict[str, Tensor])
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     content = safetensors.torch.save(plain)
     write_whole(folder / f"{stem}.safetensors", content)
-    record = to_json(info)
-    assert isinstance(record, dict)
+    record = to_json_object(info)
     record["tensors_sha256"] = hashlib.sha256(content).hexdigest()
     path = folder / f"{stem}.json"
     write_whole(path, (json.dumps(record, indent=1) + "\n").encode())

@@ -12,12 +12,14 @@ import hashlib
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import safetensors.torch
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
@@ -199,7 +201,8 @@ def _from_package(path: Path) -> LpipsNumbers:
             f"{path}: SHA-256 is {found[:16]}…, expected {PACKAGE_FILE_SHA256[:16]}…: another "
             f"version or a damaged file; reinstall: {INSTALL}"
         )
-    tree = load_pickle(path)
+    # The digest fixes the content, so nothing more can be wrong with its layout.
+    tree = cast(dict[str, dict[str, dict[str, NDArray[np.float32]]]], load_pickle(path))
     convolutions = [tree["VGG16_0"][f"Conv_{i}"] for i in range(len(CONV_LAYERS))]
     heads = [tree[f"NetLinLayer_{i}"]["Conv_0"]["kernel"] for i in range(len(BLOCKS))]
     return LpipsNumbers(
@@ -210,7 +213,7 @@ def _from_package(path: Path) -> LpipsNumbers:
     )
 
 
-def _tensor(array: np.ndarray) -> Tensor:  # type: ignore[type-arg]  # straight from a pickle
+def _tensor(array: NDArray[np.float32]) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32))
 
 

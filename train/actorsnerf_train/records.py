@@ -36,7 +36,14 @@ def to_json(value: object) -> Json:
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
-def from_json(kind: type[Record], value: Json, where: str) -> Record:
+def to_json_object(value: object) -> dict[str, Json]:
+    """A dataclass as a JSON object."""
+    record = to_json(value)
+    assert isinstance(record, dict)
+    return record
+
+
+def from_json(kind: type[Record], value: Json | Mapping[str, Json], where: str) -> Record:
     """The dataclass that a JSON object describes; no key may be missing or left over.
 
     Args:
@@ -47,7 +54,7 @@ def from_json(kind: type[Record], value: Json, where: str) -> Record:
     Raises:
         RecordError: a key or a type is wrong.
     """
-    return typing.cast(Record, _restored(kind, value, where))
+    return typing.cast(Record, _restored(kind, typing.cast(Json, value), where))
 
 
 def _restored(kind: Any, value: Json, where: str) -> object:

@@ -21,7 +21,7 @@ from actorsnerf_train.checkpoint import (
     save_checkpoint,
 )
 from actorsnerf_train.machine import program_commit
-from actorsnerf_train.records import to_json
+from actorsnerf_train.records import to_json_object
 from actorsnerf_train.run_folder import RunFolder, package_versions
 
 KEPT = 2
@@ -41,7 +41,7 @@ class Learner:
 
     def backward(self, loss: Tensor) -> None:
         """Add the loss's gradients."""
-        self.scaler.scale(loss).backward()
+        torch.autograd.backward(self.scaler.scale(loss))
 
     def step(self) -> None:
         """Follow the gradients, and forget them."""
@@ -63,7 +63,7 @@ def save(folder: RunFolder, learner: Learner, step: int, seconds: float) -> Path
         method=folder.config.method,
         step=step,
         seconds=seconds,
-        configuration=to_json(folder.config),
+        configuration=to_json_object(folder.config),
         origin=folder.origin,
         data=folder.data,
         setting=folder.setting,
@@ -101,7 +101,7 @@ def restore(folder: RunFolder, learner: Learner, write: bool) -> tuple[int, floa
     load_model(learner.method, checkpoint)
     restore_optimiser(learner.optimiser, learner.parameters(), checkpoint.part("optimiser"))
     if checkpoint.info.loss_scale:
-        learner.scaler.load_state_dict(checkpoint.info.loss_scale)
+        learner.scaler.load_state_dict(dict(checkpoint.info.loss_scale))
     state = bytearray.fromhex(checkpoint.info.generator)
     torch.set_rng_state(torch.tensor(list(state), dtype=torch.uint8))
     return checkpoint.info.step, checkpoint.info.seconds
