@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     keep_memory()
     options = tyro.cli(
-        Options,  # type: ignore[arg-type]  # tyro takes unions; its stub says classes
+        Options,
         prog="python -m actorsnerf_train",
         description=DESCRIPTION,
         args=arguments,
