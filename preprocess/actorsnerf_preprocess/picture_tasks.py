@@ -1,13 +1,13 @@
 """What worker processes do: probe masks, and turn raw pictures into compressed crops."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from actorsnerf_datasets.types import Picture
 from actorsnerf_datasets.writer import StoredPicture, encode_picture
 from actorsnerf_preprocess.pictures import Crop, Lens, PictureOptions, stored_picture, stored_size
-from actorsnerf_preprocess.probes import Probe, probe_picture
+from actorsnerf_preprocess.probes import Probe, judged_mask, probe_picture
 from actorsnerf_preprocess.source import Absent, RawPicture
 from actorsnerf_preprocess.workers import PictureTask, load_job, load_lens
 
@@ -18,6 +18,8 @@ class EncodeTask:
 
     pictures: PictureTask
     crops: tuple[Crop, ...]
+    judge: bool = False
+    """Masks are seen for the first time now, and have to be judged."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class Outcome:
     where: str
     touching: bool
     """The person reaches the border of the crop, inside the picture."""
+    inside: float = np.nan
+    """Share of the projected vertices inside a mask that was judged now."""
 
 
 def probe_pictures(task: PictureTask) -> tuple[Probe, ...]:
@@ -49,15 +53,21 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
     raw = job.source.reader.read_many(pictures.camera, pictures.frames)
     outcomes = []
     for frame, crop, found in zip(pictures.frames, task.crops, raw, strict=True):
-        where = str(job.source.reader.files(pictures.camera, frame)[0])
+        place = (pictures.camera, frame)
+        where = str(job.source.reader.files(*place)[0])
+        inside, reason = np.nan, ""
         if isinstance(found, Absent):
-            outcome = Outcome(pictures.camera, frame, None, found.reason, found.where, False)
-        elif found.mask is None or not found.mask.any():
+            outcomes.append(Outcome(*place, None, found.reason, found.where, False))
+            continue
+        if found.mask is None or not found.mask.any():
             reason = "no mask" if found.mask is None else "empty mask"
-            outcome = Outcome(pictures.camera, frame, None, reason, where, False)
-        else:
-            outcome = _encoded(found, lens, crop, job.options, (pictures.camera, frame))
-        outcomes.append(outcome)
+        elif task.judge:
+            inside, reason = judged_mask(job.source, lens, frame, found.mask)
+        if reason:
+            outcomes.append(Outcome(*place, None, reason, where, False, inside))
+            continue
+        outcome = _encoded(found, lens, crop, job.options, place)
+        outcomes.append(replace(outcome, inside=inside))
     return tuple(outcomes)
 
 

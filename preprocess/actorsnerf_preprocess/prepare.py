@@ -8,7 +8,7 @@ only writes the chunks. Neither order nor bytes depend on the number of workers.
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -154,12 +154,17 @@ class _Passes:
     ) -> Iterator[StoredPicture]:
         """The pictures to write; what became of each is appended to `outcomes`."""
         crops = {(p.camera, p.frame): placed_crop(p.box, plan.crop_size) for p in probes if p.box}
+        unseen = {probe.camera for probe in probes if probe.box and np.isnan(probe.inside)}
         frames = [
             sorted(f for c, f in crops if c == camera)
             for camera in range(len(self._source.cameras))
         ]
         tasks = [
-            EncodeTask(task, tuple(crops[task.camera, frame] for frame in task.frames))
+            EncodeTask(
+                task,
+                tuple(crops[task.camera, frame] for frame in task.frames),
+                judge=task.camera in unseen,
+            )
             for task in self._tasks(frames)
         ]
         with self._bar("pictures", len(crops)) as bar:
@@ -192,7 +197,7 @@ def _without_bytes(outcome: Outcome) -> Outcome:
         return outcome
     place = (outcome.camera, outcome.frame)
     kept = StoredPicture(*place, outcome.stored.offset, b"", b"")
-    return Outcome(*place, kept, "", "", outcome.touching)
+    return replace(outcome, stored=kept)
 
 
 def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptions) -> _Plan:
@@ -289,7 +294,8 @@ def _report(
     cameras = []
     for index, camera in enumerate(source.cameras):
         asked = [probe for probe in probes if probe.camera == index]
-        inside = [probe.inside for probe in asked if np.isfinite(probe.inside)]
+        seen: list[Probe | Outcome] = [*asked, *(o for o in outcomes if o.camera == index)]
+        inside = [one.inside for one in seen if np.isfinite(one.inside)]
         stored = sum(outcome.camera == index for outcome in kept)
         mean = float(np.mean(inside)) if inside else None
         cameras.append(CameraReport(camera.name, stored, len(asked), mean))

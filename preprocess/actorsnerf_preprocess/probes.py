@@ -83,6 +83,20 @@ def probe_picture(
     return Probe(camera, frame, box, "", where, inside, area, stray, found.digest)
 
 
+def judged_mask(
+    source: SourceSequence, lens: Lens, frame: int, mask: UInt8 | None
+) -> tuple[float, str]:
+    """(share of projected vertices inside a mask, why the mask is unusable or nothing).
+
+    Args:
+        source: the sequence.
+        lens: of the picture's camera.
+        frame: index in `source.frames`.
+        mask: (H, W) source pixels; None gives NaN.
+    """
+    return _judged(MaskProbe(mask, ""), _world_vertices(source, frame), lens)
+
+
 def crop_size(boxes: Iterable[Crop]) -> tuple[int, int]:
     """Width and height that hold every box: multiples of 8, at least 32.
 

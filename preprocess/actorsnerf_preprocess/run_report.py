@@ -37,7 +37,7 @@ class CameraReport:
     stored: int
     asked: int
     inside: float | None
-    """Mean share of projected vertices inside the mask; None where masks are made."""
+    """Mean share of projected vertices inside the mask; None where none was seen."""
 
 
 @dataclass(frozen=True)

@@ -61,3 +61,16 @@ def test_lost_pictures_and_empty_masks_are_named(file: JobFile, source: SourceSe
     outcomes = encode_pictures(EncodeTask(PictureTask(file, 0, (0, 1, 2)), crops))
     assert [outcome.reason for outcome in outcomes] == ["missing", "empty mask", ""]
     assert [outcome.stored is None for outcome in outcomes] == [True, True, False]
+
+
+def test_masks_that_were_made_on_the_way_are_judged(file: JobFile, source: SourceSequence) -> None:
+    _, mask = source.reader.files(0, 1)
+    elsewhere = np.zeros((160, 160), np.uint8)
+    elsewhere[:, :12] = 255
+    cv2.imwrite(str(mask), elsewhere)
+    task = PictureTask(file, 0, (0, 1))
+    crops = (Crop(0, 0, 80, 80),) * 2
+    good, bad = encode_pictures(EncodeTask(task, crops, judge=True))
+    assert good.stored is not None and good.inside > 0.9
+    assert bad.stored is None and (bad.reason, bad.inside) == ("mask elsewhere", 0.0)
+    assert all(np.isnan(one.inside) for one in encode_pictures(EncodeTask(task, crops)))
