@@ -18,7 +18,7 @@ from actorsnerf_preprocess.stage import (
     ring,
 )
 
-FEW = SyntheticOptions(actors=2, held_out=1, frames=24, texture=64)
+FEW = SyntheticOptions(actors=2, held_out=1, frames=4, texture=64)
 
 
 def played(options: SyntheticOptions, recording: Recording) -> list[Performance]:
