@@ -81,6 +81,8 @@ class Synthetic:
 
     out: Path
     """Folder for the raw tree."""
+    format: Literal["zju-mocap", "aist"] = "zju-mocap"
+    """The data set whose raw tree is written: pictures with masks, or videos without."""
     preset: Literal["tiny", "small", "evaluation"] = "small"
     """How large: for a demonstration, to see learning, or with the paper's 300 + 250 frames."""
     actors: int | None = None
@@ -168,7 +170,7 @@ def _prepare(command: Prepare) -> int:
 
 def _synthesise(command: Synthetic) -> int:
     # Needs a renderer, which nothing else here does.
-    from actorsnerf_preprocess.synthetic import PRESETS, write_zju_tree
+    from actorsnerf_preprocess.synthetic import PRESETS, write_aist_tree, write_zju_tree
 
     preset = PRESETS[command.preset]
     numbers = {
@@ -184,7 +186,8 @@ def _synthesise(command: Synthetic) -> int:
         fit_noise=command.fit_noise,
         ragged_masks=command.ragged_masks,
     )
-    write_zju_tree(command.out, options, progress=sys.stderr.isatty())
+    write = write_aist_tree if command.format == "aist" else write_zju_tree
+    write(command.out, options, progress=sys.stderr.isatty())
     print(f"{options.actors + options.held_out} dancers in {command.out}")
     print(f"next: python -m actorsnerf_preprocess prepare --source {command.out} --out prepared")
     return 0

@@ -137,3 +137,13 @@ def test_synthetic_writes_what_its_preset_and_numbers_say(
         f"3 dancers in {tmp_path}",
         f"next: python -m actorsnerf_preprocess prepare --source {tmp_path} --out prepared",
     ]
+
+
+def test_synthetic_writes_the_other_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = []
+    monkeypatch.setattr(
+        synthetic, "write_aist_tree", lambda root, options, progress: written.append(options)
+    )
+    command = arguments("synthetic", "--out", tmp_path, "--format", "aist", "--preset", "tiny")
+    assert main(command) == 0
+    assert written == [synthetic.PRESETS["tiny"]]
