@@ -1,7 +1,7 @@
 """Whom the hard cases are tried on: a checkpoint's or an invented actor, in three precisions."""
 
 import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -92,12 +92,18 @@ def make_bench(
 
 def view_as(view: View, dtype: torch.dtype) -> View:
     """The view with its numbers in another precision."""
-    cast = {
-        field.name: value.to(dtype)
-        for field in fields(view)
-        if isinstance(value := getattr(view, field.name), Tensor)
-    }
-    return replace(view, **cast)
+    return replace(
+        view,
+        image=view.image.to(dtype),
+        alpha=view.alpha.to(dtype),
+        K=view.K.to(dtype),
+        camera_from_body=view.camera_from_body.to(dtype),
+        pose=view.pose.to(dtype),
+        rest_joints=view.rest_joints.to(dtype),
+        rest_vertices=view.rest_vertices.to(dtype),
+        posed_vertices=view.posed_vertices.to(dtype),
+        canonical_joints=view.canonical_joints.to(dtype),
+    )
 
 
 def _config(checkpoint: Checkpoint) -> TrainConfig:
@@ -127,7 +133,7 @@ def _subject(
 def _awaken(method: ActorsNeRF) -> None:
     """Move what starts at nothing away from it, so that errors have something to show on."""
     generator = torch.Generator().manual_seed(0)
-    weights: list[tuple[nn.Parameter, float]] = []
+    weights: list[tuple[Tensor, float]] = []
     if method.deformation is not None:
         weights.append((method.deformation.offset.weight, AWAKE_OFFSET))
     logits = getattr(method.skinning, "logits", None)

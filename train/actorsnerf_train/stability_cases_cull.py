@@ -68,11 +68,10 @@ def _brink(subject: Subject, pose: Float[Tensor, "24 3"]) -> tuple[Tensor, Tenso
         sides.append(low.float().to(subject.like))
     points = torch.cat(sides)
     likely = backward_warp(points.double(), double, there)[1]
-    share = likely / subject.options.threshold
+    beyond = likely / subject.options.threshold - 1
     # A bone's sharp edge jumps over the brink; what is not near it says nothing.
-    near = (share - 1).abs() < 2e-3
-    sure = (share - 1).abs() > UNSURE
-    return points[near & sure], share[near & sure] > 1
+    telling = (beyond.abs() < 2e-3) & (beyond.abs() > UNSURE)
+    return points[telling], beyond[telling] > 0
 
 
 def _emptied(name: str, pose: Float[Tensor, "24 3"]) -> Case:

@@ -53,7 +53,8 @@ def motion_cases(subject: Subject) -> list[Case]:
 
 def _turns(angle: float) -> Float[Tensor, "axes 3"]:
     axes = torch.tensor(AXES, dtype=torch.float64)
-    return angle * axes / axes.norm(dim=-1, keepdim=True)
+    turns: Tensor = angle * axes / axes.norm(dim=-1, keepdim=True)
+    return turns
 
 
 def _orthogonal(name: str, turns: Float[Tensor, "axes 3"]) -> Case:

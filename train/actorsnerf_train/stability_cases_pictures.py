@@ -38,7 +38,9 @@ def picture_cases(subject: Subject) -> list[Case]:
     cases += [
         _seen("upside-down", still, lambda b: _upside_down(looking(b, 0.4, (SIDE, SIDE), 1.0))),
         _seen("cut by the border", still, lambda b: _shifted(looking(b, 0.4, (SIDE, SIDE), 1.5))),
-        _seen("camera inside the box", still, lambda b: _inside(looking(b, 0.4, (SIDE, SIDE), 1))),
+        _seen(
+            "camera inside the box", still, lambda b: _inside(looking(b, 0.4, (SIDE, SIDE), 1.0))
+        ),
         _seen("one-pixel person", still, lambda b: looking(b, 0.4, (11, 11), 0.09)),
         _seen("one-pixel picture", still, lambda b: looking(b, 0.4, (1, 1), 1.0)),
         _seen("large picture, small person", still, _large),

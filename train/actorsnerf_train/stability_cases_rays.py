@@ -18,7 +18,7 @@ DIRECTION = Bounds(1e-12, 1e-6, 1e-6)
 DEPTHS = Bounds(1e-12, 2e-6, 2e-6)
 BOX = ((-0.5, -1.0, -0.25), (0.5, 1.0, 0.75))
 """Metres; corners that float32 holds exactly."""
-Place = tuple[float, float, float]
+Place = tuple[float | int, float | int, float | int]
 _RAYS: dict[str, tuple[Place, Place, tuple[float, float] | None]] = {
     "through the middle": ((0, 0, -3), (0, 0, 1), (2.75, 3.75)),
     "in a face": ((0.5, 0, -3), (0, 0, 1), (2.75, 3.75)),
@@ -106,7 +106,7 @@ def _behind(name: str, depth: float) -> Case:
         return Answer(subject.like.new_tensor([0.0] + [1.0] * 6))
 
     measured = "points that count as seen; finite pixels"
-    return Case("projection", name, measured, Bounds(0, 0, 0), answer, truth)
+    return Case("projection", name, measured, Bounds(0.0, 0.0, 0.0), answer, truth)
 
 
 def _large_picture(side: int) -> Case:
