@@ -19,8 +19,6 @@ from actorsnerf_preprocess.synthetic_zju import write_zju_tree
 from actorsnerf_preprocess.zju import find_zju, open_zju
 
 TINY = SyntheticOptions(actors=1, held_out=1, frames=10, cameras=2, size=128, texture=32)
-CLOTHES = 0.08
-"""Metres: about how far clothes and hair reach beyond the body."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +33,7 @@ def imperfect(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Names with time stamps, fits that are off, ragged masks."""
     root = tmp_path_factory.mktemp("synthetic") / "stamped"
     options = replace(
-        TINY, actors=0, frames=6, variant="classic-21", fit_noise=True, ragged_masks=True
+        TINY, actors=0, frames=9, variant="classic-21", fit_noise=True, ragged_masks=True
     )
     write_zju_tree(root, options)
     return root
@@ -57,7 +55,7 @@ def test_a_prepared_tree_passes_its_check(tree: Path, tmp_path: Path, actor: str
     path, inside = prepared(tree, f"CoreView_{actor}", tmp_path)
     findings = check_sequence(path, free_body_path())
     assert [each.sentence for each in findings if each.severity != "note"] == []
-    assert inside > 0.95
+    assert inside > 0.9  # a pixel is 22 mm wide here
     with SequenceFile(path) as sequence:
         header = sequence.header
         assert header.actor == actor
@@ -132,7 +130,8 @@ def test_the_surface_that_the_first_camera_saw_is_kept(tree: Path) -> None:
     seen = truth["CoreView_heldout00"]["first_camera"]
     first = seen["share_of_surface_seen_in_the_first_third"]
     whole = seen["share_of_surface_seen_in_all"]
-    assert 0.1 < first < 0.5 < whole < 1
+    assert 0.1 < first < 0.5
+    assert first < whole < 1
 
 
 def test_names_with_time_stamps_count_from_one(imperfect: Path, tmp_path: Path) -> None:
@@ -141,7 +140,7 @@ def test_names_with_time_stamps_count_from_one(imperfect: Path, tmp_path: Path) 
     assert not (imperfect / "CoreView_heldout00" / "new_params" / "0.npy").exists()
     path, inside = prepared(imperfect, "CoreView_heldout00", tmp_path)
     assert [each for each in check_sequence(path) if each.severity == "error"] == []
-    assert inside > 0.8
+    assert 0.4 < inside < 0.88  # the fits' errors show
     with SequenceFile(path) as sequence:
         assert sequence.header.frames[0] == 1
 
