@@ -19,7 +19,7 @@ TEXTURE = 5.0
 def studio(pinhole: Pinhole, rng: np.random.Generator) -> UInt8:
     """A dark curtain, as (H, W, 3)."""
     width, height = pinhole.size
-    cloth = _clouds((height, width), 24, rng) * 12
+    cloth = _clouds((height, width), 10, rng) * 5
     folds = 5 * np.sin(np.arange(width) / width * rng.uniform(60, 90) + rng.uniform(0, 6))
     grey = STUDIO_GREY + cloth + folds
     grain = rng.normal(0, 1.5, (height, width, 3))

@@ -100,9 +100,11 @@ class Outfit:
 
 
 def draw_outfit(rng: np.random.Generator, index: int, role: Role) -> Outfit:
-    """An outfit; `index` spreads fabrics, marks and hair over the actors of one role."""
+    """An outfit; `index` spreads fabrics, trousers, marks and hair over the actors of one role."""
     colours = COLOURS[role]
-    first, second, third, fourth = rng.permutation(len(colours))[:4]
+    third = (3 * index + 1) % len(colours)
+    others = [number for number in rng.permutation(len(colours)) if number != third]
+    first, second, fourth = others[:3]
     marks = MARKS[role]
     styles: tuple[HairStyle, ...] = ("cropped", "long", "full", "bob", "bun")
     cuts: tuple[BottomCut, ...] = ("trousers", "shorts", "trousers", "skirt")
