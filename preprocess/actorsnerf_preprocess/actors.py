@@ -127,6 +127,15 @@ class FramePose:
     """(24, 4, 4) world from rest, now and at a few earlier times."""
 
 
+def actor_name(index: int, role: Role) -> str:
+    """What the `index`-th actor of a role is called.
+
+    >>> actor_name(0, "pretraining"), actor_name(3, "held_out")
+    ('actor00', 'heldout03')
+    """
+    return f"{'actor' if role == 'pretraining' else 'heldout'}{index:02d}"
+
+
 def draw_actor(seed: int, index: int, role: Role, shaped: bool = True) -> Actor:
     """The `index`-th synthetic actor of a role; the same seed gives the same person.
 
@@ -134,8 +143,7 @@ def draw_actor(seed: int, index: int, role: Role, shaped: bool = True) -> Actor:
     """
     rng = np.random.default_rng([seed, index, int(role == "held_out")])
     betas = np.clip(rng.normal(0.0, BETA_SPREAD, 10), -BETA_LIMIT, BETA_LIMIT) * float(shaped)
-    prefix = "actor" if role == "pretraining" else "heldout"
-    return Actor(f"{prefix}{index:02d}", role, betas, draw_outfit(rng, index, role))
+    return Actor(actor_name(index, role), role, betas, draw_outfit(rng, index, role))
 
 
 def open_studio(texture_size: int = TEXTURE_SIZE) -> Studio:

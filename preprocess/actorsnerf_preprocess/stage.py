@@ -3,8 +3,9 @@
 Shared by the writers of synthetic raw trees. World: y up, floor at y = 0, metres.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -34,9 +35,11 @@ LIGHTING = Lighting(
 )
 """A key light, a fill light from behind, and what the room gives back."""
 SIGN = "synthetic.json"
-"""A file of this name at the root marks a tree written here."""
+"""A file of this name at the root marks a tree written here; it comes last."""
+UNFINISHED = "synthetic.json.part"
+"""The sign's name while the tree is being written."""
 HELD_OUT = "held_out.txt"
-"""Names of the held-out actors, one per line; written last."""
+"""Names of the held-out actors, one per line."""
 TRUTH = "truth"
 """Folder beside the data for what a real data set could not know."""
 WAIST = 0.9
@@ -71,17 +74,19 @@ class SyntheticOptions:
 
 
 PRESETS: dict[str, SyntheticOptions] = {
-    "tiny": SyntheticOptions(actors=2, held_out=1, frames=40, cameras=3, size=256, texture=512),
-    "small": SyntheticOptions(actors=8, held_out=2, frames=100, cameras=4, size=320),
+    "tiny": SyntheticOptions(actors=4, held_out=1, frames=24, cameras=3, size=256, texture=512),
+    "study": SyntheticOptions(actors=8, held_out=2, frames=80, cameras=4, size=384),
     "evaluation": SyntheticOptions(actors=8, held_out=2, frames=560, cameras=8, size=512),
 }
-"""`tiny` for a demonstration, `small` to see learning, `evaluation` with the paper's 300 + 250."""
+"""`tiny` for a demonstration, `study` to see learning, `evaluation` with the paper's 300 + 250."""
 
 
 @dataclass(frozen=True)
 class Performance:
     """One actor dancing."""
 
+    position: int
+    """Place in the cast."""
     dressed: DressedActor
     motion: Motion
     dance: Dance
@@ -121,8 +126,21 @@ class Recording:
     """Whether bodies differ by betas; AIST++ knows only one shape."""
 
 
+def cast(options: SyntheticOptions) -> tuple[tuple[int, Role], ...]:
+    """(index, role) of all actors, pre-training first.
+
+    >>> cast(SyntheticOptions(actors=2, held_out=1))
+    ((0, 'pretraining'), (1, 'pretraining'), (0, 'held_out'))
+    """
+    training: list[tuple[int, Role]] = [(index, "pretraining") for index in range(options.actors)]
+    return (*training, *((index, "held_out") for index in range(options.held_out)))
+
+
 def performances(
-    options: SyntheticOptions, renderer: MeshRenderer, recording: Recording
+    options: SyntheticOptions,
+    renderer: MeshRenderer,
+    recording: Recording,
+    finished: Callable[[int], bool] = lambda position: False,
 ) -> Iterator[Performance]:
     """The actors one after the other, pre-training first; the seed decides all of them.
 
@@ -130,11 +148,12 @@ def performances(
         options: how many, and how long.
         renderer: gets their paints.
         recording: tempo of the dances and variety of the bodies.
+        finished: places in the cast that are passed over.
     """
     studio = open_studio(options.texture)
-    roles: list[tuple[int, Role]] = [(index, "pretraining") for index in range(options.actors)]
-    roles += [(index, "held_out") for index in range(options.held_out)]
-    for index, role in roles:
+    for position, (index, role) in enumerate(cast(options)):
+        if finished(position):
+            continue
         actor = draw_actor(options.seed, index, role, recording.shaped)
         rng = np.random.default_rng([options.seed, index, int(role == "held_out"), 1])
         used = -(-options.frames // recording.stride)
@@ -143,7 +162,7 @@ def performances(
         joints, _ = rest(studio.body, actor.betas)
         dance = DANCES[role][index % len(DANCES[role])]
         motion = draw_motion(rng, dance, yaw, joints, recording.frames_per_second)
-        yield Performance(dress(studio, actor, renderer), motion, dance)
+        yield Performance(position, dress(studio, actor, renderer), motion, dance)
 
 
 def ring(
@@ -166,22 +185,51 @@ def ring(
     )
 
 
-def claim(root: Path) -> None:
-    """Makes the folder; what another program wrote is never mixed with.
+def claim(root: Path, form: str, options: SyntheticOptions) -> bool:
+    """Whether there is something left to write; makes the folder and signs it as unfinished.
+
+    What another program or other options wrote is never mixed with; a tree of the same options
+    that was left unfinished is gone on with.
 
     Raises:
         SourceError: there is something else in it.
     """
-    if root.exists() and (not root.is_dir() or (any(root.iterdir()) and not _ours(root))):
+    sign = {"generator": "actorsnerf synthetic", "format": form, **asdict(options)}
+    for name in (SIGN, UNFINISHED):
+        if (root / name).is_file():
+            if json.loads((root / name).read_text()) != sign:
+                raise SourceError(
+                    f"{root / name}: the folder holds a synthetic data set of other options; name "
+                    "another folder, or delete this one."
+                )
+            return name == UNFINISHED
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise SourceError(
             f"{root}: is not empty and no synthetic data set (it has no {SIGN}); synthetic actors "
             "are written into a new or empty folder: name another."
         )
     root.mkdir(parents=True, exist_ok=True)
+    (root / UNFINISHED).write_text(json.dumps(sign, indent=2) + "\n")
+    return True
 
 
-def _ours(root: Path) -> bool:
-    return (root / SIGN).is_file()
+def keep_facts(root: Path, name: str, facts: dict[str, object]) -> None:
+    """Writes what truth/ says of an actor; from then on it counts as finished."""
+    part = root / TRUTH / f"{name}.json.part"
+    part.parent.mkdir(parents=True, exist_ok=True)
+    part.write_text(json.dumps(facts, indent=2) + "\n")
+    part.replace(part.with_suffix(""))
+
+
+def is_finished(root: Path, name: str) -> bool:
+    """Whether all of an actor is written."""
+    return (root / TRUTH / f"{name}.json").is_file()
+
+
+def sign_finished(root: Path, held_out: list[str]) -> None:
+    """Writes who is held out, and signs the tree."""
+    (root / HELD_OUT).write_text("".join(f"{name}\n" for name in held_out))
+    (root / UNFINISHED).replace(root / SIGN)
 
 
 def _around(angle: float, radius: float, height: float) -> Float64:

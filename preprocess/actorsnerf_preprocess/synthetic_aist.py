@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from actorsnerf_datasets.conventions import aist_from_metres
-from actorsnerf_datasets.types import Float32, Float64, UInt8
+from actorsnerf_datasets.types import Float32, Float64, Role, UInt8
 from actorsnerf_preprocess.actors import draw_meshes, skin_in_world
 from actorsnerf_preprocess.aist_names import CAMERA_NAMES, video_name
 from actorsnerf_preprocess.backdrops import hall
@@ -27,16 +27,18 @@ from actorsnerf_preprocess.renderer import Mesh, MeshRenderer, Pinhole
 from actorsnerf_preprocess.shots import Lens, Rig, rig_of, take
 from actorsnerf_preprocess.source import SourceError
 from actorsnerf_preprocess.stage import (
-    HELD_OUT,
     LIGHTING,
-    SIGN,
     TRUTH,
     Performance,
     Recording,
     SyntheticOptions,
+    cast,
     claim,
+    is_finished,
+    keep_facts,
     performances,
     ring,
+    sign_finished,
 )
 
 ASPECT = 16 / 9
@@ -70,10 +72,11 @@ class _Dancer:
 
 
 def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = False) -> None:
-    """Writes the tree; a second call with the same options writes the same pictures.
+    """Writes the tree; a call that was interrupted is gone on with by the next.
 
     Args:
-        root: folder; new, empty, or an earlier synthetic tree.
+        root: folder; new, empty, or a tree of the same options, of which only what is missing is
+            written.
         options: size of the data set; `full`, `variant` and `ragged_masks` do not apply.
         progress: show a bar.
 
@@ -81,24 +84,22 @@ def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = Fals
         SourceError: the folder holds something else, or a video cannot be written.
         RendererError: headless GL does not work.
     """
-    claim(root)
-    sign = {"generator": "actorsnerf synthetic", "format": "AIST++", **asdict(options)}
-    (root / SIGN).write_text(json.dumps(sign, indent=2) + "\n")
+    if not claim(root, "AIST++", options):
+        return
+    names = [_sequence(position, role) for position, (_, role) in enumerate(cast(options))]
     rigs = hall_rigs(options)
-    dancers: list[_Dancer] = []
     recording = Recording(FRAMES_PER_SECOND, STRIDE, shaped=False)
     with MeshRenderer() as renderer:
-        for performance in performances(options, renderer, recording):
-            dancer = _named(performance, len(dancers), options)
+        for performance in performances(
+            options, renderer, recording, lambda position: is_finished(root, names[position])
+        ):
+            dancer = _named(performance, names[performance.position], options)
             _write_motion(root, dancer, options)
             _write_videos(root, dancer, renderer, rigs[: options.cameras], progress)
-            dancers.append(dancer)
-    _write_cameras(root, dancers, rigs)
-    _write_lists(root, dancers)
-    truth = {each.sequence: _facts(each) for each in dancers}
-    (root / TRUTH / "actors.json").write_text(json.dumps(truth, indent=2) + "\n")
-    names = [each.sequence for each in dancers if each.performance.role == "held_out"]
-    (root / HELD_OUT).write_text("".join(f"{name}\n" for name in names))
+            keep_facts(root, dancer.sequence, _facts(dancer))
+    _write_cameras(root, names, rigs)
+    _write_lists(root, names[: options.actors], names[options.actors :])
+    sign_finished(root, names[options.actors :])
 
 
 def hall_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
@@ -121,10 +122,14 @@ def hall_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
     return tuple(rigs)
 
 
-def _named(performance: Performance, index: int, options: SyntheticOptions) -> _Dancer:
-    genre, first = ("BR", 31) if performance.role == "pretraining" else ("HO", 61)
-    sequence = f"g{genre}_sFM_cAll_d{first + index:02d}_m{genre}0_ch{index + 1:02d}"
-    rng = np.random.default_rng([options.seed, index, 5])
+def _sequence(position: int, role: Role) -> str:
+    """A name of the real form; the real dancers are d01 to d30."""
+    genre, first = ("BR", 31) if role == "pretraining" else ("HO", 61)
+    return f"g{genre}_sFM_cAll_d{first + position:02d}_m{genre}0_ch{position + 1:02d}"
+
+
+def _named(performance: Performance, sequence: str, options: SyntheticOptions) -> _Dancer:
+    rng = np.random.default_rng([options.seed, performance.position, 5])
     return _Dancer(performance, sequence, float(rng.uniform(*SCALINGS)))
 
 
@@ -225,7 +230,7 @@ def _noisy(rgb: UInt8, rng: np.random.Generator) -> UInt8:
     return noisy_picture.astype(np.uint8)
 
 
-def _write_cameras(root: Path, dancers: Sequence[_Dancer], rigs: Sequence[Rig]) -> None:
+def _write_cameras(root: Path, sequences: Sequence[str], rigs: Sequence[Rig]) -> None:
     folder = root / "annotations" / "cameras"
     folder.mkdir(parents=True, exist_ok=True)
     entries = [
@@ -240,16 +245,15 @@ def _write_cameras(root: Path, dancers: Sequence[_Dancer], rigs: Sequence[Rig]) 
         for name, rig in zip(CAMERA_NAMES, rigs, strict=True)
     ]
     (folder / f"{SETTING}.json").write_text(json.dumps(entries))
-    lines = [f"{dancer.sequence} {SETTING}\n" for dancer in dancers]
+    lines = [f"{sequence} {SETTING}\n" for sequence in sequences]
     (folder / "mapping.txt").write_text("".join(lines))
 
 
-def _write_lists(root: Path, dancers: Sequence[_Dancer]) -> None:
+def _write_lists(root: Path, training: Sequence[str], held_out: Sequence[str]) -> None:
     """Splits without a final newline, and an ignore list with a trailing blank, as in the real."""
     folder = root / "annotations" / "splits"
     folder.mkdir(exist_ok=True)
-    for split, role in (("train", "pretraining"), ("val", "held_out"), ("test", "held_out")):
-        names = [dancer.sequence for dancer in dancers if dancer.performance.role == role]
+    for split, names in (("train", training), ("val", held_out), ("test", held_out)):
         for kind in ("pose", "crossmodal"):
             (folder / f"{kind}_{split}.txt").write_text("\n".join(names))
     ignored = f"{IGNORED} \n{IGNORED.replace('d99', 'd98')}\n\n"

@@ -6,7 +6,6 @@ fits: `params` and `vertices` without pose blend shapes, `new_params` and `new_v
 At the root: `synthetic.json`, `held_out.txt`, and `truth/` with what real data could not know.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from actorsnerf_datasets.conventions import world_from_body
 from actorsnerf_datasets.protocols import generic_protocol, needed_pairs
 from actorsnerf_datasets.rotations import axis_angle_from_matrix
 from actorsnerf_datasets.types import Float64, UInt8
-from actorsnerf_preprocess.actors import FramePose, draw_meshes, skin_in_world
+from actorsnerf_preprocess.actors import FramePose, actor_name, draw_meshes, skin_in_world
 from actorsnerf_preprocess.backdrops import studio
 from actorsnerf_preprocess.imperfections import noisy, ragged
 from actorsnerf_preprocess.motions import Motion
@@ -28,17 +27,19 @@ from actorsnerf_preprocess.renderer import MeshRenderer
 from actorsnerf_preprocess.shots import Lens, Rig, Shot, rig_of, take
 from actorsnerf_preprocess.source import SourceError
 from actorsnerf_preprocess.stage import (
-    HELD_OUT,
     LIGHTING,
-    SIGN,
     TRUTH,
     Performance,
     Recording,
     SyntheticOptions,
+    cast,
     claim,
+    is_finished,
+    keep_facts,
     performances,
     pool_size,
     ring,
+    sign_finished,
 )
 from actorsnerf_preprocess.surface_share import seen_vertices, vertex_areas
 
@@ -76,10 +77,11 @@ class _Place:
 
 
 def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False) -> None:
-    """Writes the tree; a second call with the same options writes the same files.
+    """Writes the tree; a call that was interrupted is gone on with by the next.
 
     Args:
-        root: folder; new, empty, or an earlier synthetic tree.
+        root: folder; new, empty, or a tree of the same options, of which only what is missing is
+            written.
         options: size of the data set.
         progress: show a bar.
 
@@ -87,22 +89,19 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
         SourceError: the folder holds something else.
         RendererError: headless GL does not work.
     """
-    claim(root)
-    sign = {"generator": "actorsnerf synthetic", "format": "ZJU-MoCap", **asdict(options)}
-    (root / SIGN).write_text(json.dumps(sign, indent=2) + "\n")
-    held_out = []
-    truth: dict[str, object] = {}
+    if not claim(root, "ZJU-MoCap", options):
+        return
+    names = [f"CoreView_{actor_name(index, role)}" for index, role in cast(options)]
     rigs = studio_rigs(options)
+    recording = Recording(FRAMES_PER_SECOND)
     with MeshRenderer() as renderer:
-        for performance in performances(options, renderer, Recording(FRAMES_PER_SECOND)):
+        for performance in performances(
+            options, renderer, recording, lambda position: is_finished(root, names[position])
+        ):
             place = _place(root, performance, options)
-            truth[place.folder.name] = _write_actor(
-                place, performance, renderer, rigs, options, progress
-            )
-            if performance.role == "held_out":
-                held_out.append(place.folder.name)
-    (root / TRUTH / "actors.json").write_text(json.dumps(truth, indent=2) + "\n")
-    (root / HELD_OUT).write_text("".join(f"{name}\n" for name in held_out))
+            facts = _write_actor(place, performance, renderer, rigs, options, progress)
+            keep_facts(root, place.folder.name, facts)
+    sign_finished(root, names[options.actors :])
 
 
 def studio_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
@@ -139,7 +138,7 @@ def _write_actor(
     options: SyntheticOptions,
     progress: bool,
 ) -> dict[str, object]:
-    """Writes one actor's folder; returns what truth/actors.json says of it."""
+    """Writes one actor's folder; returns what truth/ says of it."""
     _write_annotations(place, rigs, options)
     rng = np.random.default_rng([options.seed, *performance.name.encode(), 3])
     motion = performance.motion

@@ -134,7 +134,7 @@ def test_synthetic_writes_what_its_preset_and_numbers_say(
         synthetic.PRESETS["tiny"], frames=7, variant="classic-21", fit_noise=True
     )
     assert capsys.readouterr().out.splitlines() == [
-        f"3 dancers in {tmp_path}",
+        f"5 dancers in {tmp_path}",
         f"next: python -m actorsnerf_preprocess prepare --source {tmp_path} --out prepared",
     ]
 

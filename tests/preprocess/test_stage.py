@@ -8,14 +8,19 @@ from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.renderer import MeshRenderer
 from actorsnerf_preprocess.source import SourceError
 from actorsnerf_preprocess.stage import (
+    HELD_OUT,
     PRESETS,
     SIGN,
+    TRUTH,
     Performance,
     Recording,
     SyntheticOptions,
     claim,
+    is_finished,
+    keep_facts,
     performances,
     ring,
+    sign_finished,
 )
 
 FEW = SyntheticOptions(actors=2, held_out=1, frames=4, texture=64)
@@ -84,12 +89,39 @@ def test_one_shape_if_the_data_set_knows_only_one() -> None:
 def test_a_foreign_folder_is_not_written_into(tmp_path: Path) -> None:
     (tmp_path / "holiday.jpg").write_bytes(b"x")
     with pytest.raises(SourceError, match=f"not empty and no synthetic data set .*{SIGN}"):
-        claim(tmp_path)
+        claim(tmp_path, "AIST++", FEW)
     with pytest.raises(SourceError, match="name another"):
-        claim(tmp_path / "holiday.jpg")
-    claim(tmp_path / "new" / "folder")
-    (tmp_path / "new" / "folder" / SIGN).write_text("{}")
-    claim(tmp_path / "new" / "folder")
+        claim(tmp_path / "holiday.jpg", "AIST++", FEW)
+    assert [path.name for path in tmp_path.iterdir()] == ["holiday.jpg"]
+
+
+def test_a_tree_is_signed_when_it_is_finished(tmp_path: Path) -> None:
+    root = tmp_path / "new" / "folder"
+    assert claim(root, "AIST++", FEW)
+    assert not (root / SIGN).exists()
+    assert claim(root, "AIST++", FEW), "an unfinished tree is gone on with"
+    assert not is_finished(root, "aunt")
+    keep_facts(root, "aunt", {"role": "pretraining"})
+    assert is_finished(root, "aunt")
+    sign_finished(root, ["uncle"])
+    assert not claim(root, "AIST++", FEW), "nothing is left to do"
+    assert sorted(path.name for path in root.iterdir()) == [HELD_OUT, SIGN, TRUTH]
+    assert (root / HELD_OUT).read_text() == "uncle\n"
+
+
+def test_other_options_need_another_folder(tmp_path: Path) -> None:
+    claim(tmp_path, "AIST++", FEW)
+    for form, options in (("ZJU-MoCap", FEW), ("AIST++", replace(FEW, seed=1))):
+        with pytest.raises(SourceError, match="a synthetic data set of other options; name"):
+            claim(tmp_path, form, options)
+
+
+def test_finished_actors_are_passed_over() -> None:
+    with MeshRenderer() as renderer:
+        left = list(performances(FEW, renderer, Recording(15.0), lambda position: position != 2))
+    assert [(each.position, each.name) for each in left] == [(2, "heldout00")]
+    whole = played(FEW, Recording(15.0))[2]
+    np.testing.assert_array_equal(left[0].motion.poses, whole.motion.poses)
 
 
 def test_presets_leave_room_for_the_protocol() -> None:
