@@ -61,9 +61,11 @@ def read_fits(root: Path, frames: tuple[int, ...], choice: FitChoice, model: Bod
         except UserError as error:
             broken.append((frame, str(error)))
     if not raw:
+        folder = root / choice.folders.parameters
+        why = broken[0][1] if broken else _available(folder)
         raise SourceError(
-            f"{root / choice.folders.parameters}: no usable fit for any of {len(frames)} frames "
-            f"(first asked: {frames[0]}.npy); {_available(root / choice.folders.parameters)}."
+            f"{folder}: no usable fit for any of {len(frames)} frames (first asked: "
+            f"{frames[0]}.npy); {why}"
         )
     findings = _missing_findings(choice.folders.parameters, missing, broken)
     read = verified_fits(root, tuple(frames[p] for p in positions), raw, choice, model)

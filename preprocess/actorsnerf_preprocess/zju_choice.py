@@ -83,7 +83,7 @@ def choose_fit(root: Path, frames: tuple[int, ...], model: BodyModel) -> FitChoi
         if min(blended, plain) < TOLERANCE:
             return _choice(folders, blended, plain, refusals)
         refusals.append(_refusal(root, folders, probed, model, (blended, plain)))
-    raise SourceError("; ".join(refusals) + ".")
+    raise SourceError("; ".join(refusals))
 
 
 def _errors(
@@ -122,7 +122,7 @@ def _choice(folders: FitFolders, blended: float, plain: float, refusals: list[st
         f"Fits are {folders.parameters}, made {kind} pose blend shapes: rebuilt vertices differ "
         f"from {folders.vertices} by {error:.3g} mm at most."
     )
-    findings = [Finding("warning", folders.parameters, refusal + ".") for refusal in refusals]
+    findings = [Finding("warning", folders.parameters, refusal) for refusal in refusals]
     if pose_blend != (folders.parameters != "params"):
         text = f"Was renamed: its vertices are those of a fit {kind} pose blend shapes."
         findings.append(Finding("note", folders.parameters, text))
