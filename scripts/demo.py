@@ -86,7 +86,8 @@ def show(out: Path, actor: Path, seconds: float) -> None:
     for picture in sorted([*actor.rglob("*.png"), *actor.rglob("*.mp4")])[:12]:
         print(f"  {picture}")
     for path in results:
-        print(f"{path}: {json.dumps(json.loads(path.read_text())['mean'])}")
+        for row in json.loads(path.read_text())["means"]:
+            print(f"{path}: {json.dumps(row)}")
     print(f"Everything is in {out}; a second `make demo` only repeats what is missing.")
 
 

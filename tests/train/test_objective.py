@@ -93,3 +93,20 @@ def test_an_actor_of_no_density_costs_the_pictures_square(
     truth = at_pixels(on_background(sample.target, (0.0, 0.0, 0.0)), sample.patches)
     assert outcome.losses.total.item() == pytest.approx(truth.square().mean().item(), rel=1e-5)
     assert outcome.inside.item() == 0
+
+
+def test_patches_that_show_nothing_still_have_a_gradient(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    """Frozen skinning and rays beside the body: the loss is a constant, yet a step can go on."""
+    training.method.freeze_category_prior()
+    config = training.folder.config
+    perceptual, losses = training.perceptual, replace(config.losses, skinning=0.0)
+    objective = Objective(training.method, perceptual, losses, config.render)
+    corner = replace(sample, patches=sample.patches * 0)
+    outcome: Outcome = objective(corner, known, 3.0, jitter_generator(0, 0, CPU))
+    assert outcome.counts.survivors == 0
+    torch.autograd.backward(outcome.losses.total)
+    grads = [p.grad for p in training.method.parameters() if p.grad is not None]
+    assert grads
+    assert all(not grad.any() for grad in grads)

@@ -1,6 +1,6 @@
 """One sample's losses: patches rendered in its pose and camera, compared with its picture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -64,6 +64,13 @@ class Objective(nn.Module):
         losses = training_losses(
             rendering.rgb.reshape(truth.shape), truth, residual, self.perceptual, self.weights
         )
+        if not losses.total.requires_grad:  # patches that show nothing, frozen skinning
+            losses = replace(losses, total=losses.total + self._nothing())
         person = at_pixels(target.alpha, sample.patches).reshape(-1) > 0.5
         alpha = rendering.alpha.detach()
         return Outcome(losses, alpha[person].mean(), alpha[~person].mean(), rendering.counts)
+
+    def _nothing(self) -> Float[Tensor, ""]:
+        """A zero with a gradient (also zero), so that every process has something to share."""
+        learning = next(part for part in self.method.parameters() if part.requires_grad)
+        return 0 * learning.sum()
