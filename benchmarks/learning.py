@@ -21,6 +21,8 @@ import numpy as np
 RESULTS = Path(__file__).resolve().parent / "results"
 ACTORS = ("heldout00", "heldout01")
 STRIP_ROWS = 6
+TILE = (180, 192)
+"""Width and height of a picture in the figure."""
 GAP = 4
 """Pixels between the pictures of an evaluation's strip."""
 
@@ -111,7 +113,7 @@ def _report(root: Path) -> None:
         fitting.name: json.loads(_result_path(root, fitting).read_text()) for fitting in done
     }
     lines = [
-        "| actor | setting | begins from | steps | PSNR | SSIM | LPIPS×1000 | training, s |",
+        "| actor | setting | begins from | steps | PSNR | SSIM | LPIPS x1000 | training, s |",
         "| --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     summary = []
@@ -151,28 +153,27 @@ def _result_path(root: Path, fitting: Fitting) -> Path:
 
 
 def _figure(root: Path, done: list[Fitting]) -> None:
-    """Truth beside every fitting's picture of the same unseen poses and views, cut to the person."""
+    """Truth beside every fitting's picture of the same unseen poses and views."""
     sheets = []
     for actor in ACTORS:
         mine = [fitting for fitting in done if fitting.actor == actor]
         rows = [_rows(root / fitting.name / "evaluation" / "strip.png") for fitting in mine]
         for number in range(min((len(each) for each in rows), default=0)):
             truth = rows[0][number][0]
-            height, width = truth.shape[:2]
             pictures = [truth, *(each[number][1] for each in rows)]
-            sheets.append([cv2.resize(p, (width * 2, height * 2), interpolation=cv2.INTER_CUBIC) for p in pictures])
+            sheets.append([cv2.resize(picture, TILE) for picture in pictures])
     if not sheets:
         return
     titles = ["truth", *(f.setting[8:] + (" scratch" if f.scratch else " category") for f in mine)]
-    header = [_title(text, 120) for text in titles]
+    header = [_title(text) for text in titles]
     picked = sheets[:: max(len(sheets) // 6, 1)][:6]
     body = np.concatenate([np.concatenate(row, 1) for row in picked])
     picture = np.concatenate([np.concatenate(header, 1), body])
     cv2.imwrite(str(RESULTS / "learning.png"), picture)
 
 
-def _title(text: str, width: int) -> np.ndarray:
-    tile = np.zeros((24, width, 3), np.uint8)
+def _title(text: str) -> np.ndarray:
+    tile = np.zeros((24, TILE[0], 3), np.uint8)
     cv2.putText(
         tile, text, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA
     )
