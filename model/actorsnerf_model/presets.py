@@ -36,6 +36,6 @@ TINY = ActorsNeRFConfig(
     skinning=SkinningDecoderConfig(kind="direct", resolution=16),
     deformation_net=DeformationConfig(width=16, depth=3, skip=2, octaves=3, code=4),
     sparse=SparseConfig(voxel=0.06, channels=(8, 8), convolutions=(1, 1), taps=(0, 1)),
-    radiance=replace(_SOFT, width=16, code=8, octaves=4),
+    radiance=replace(_SOFT, width=64, code=16, octaves=4, density_shift=-5.0),
 )
 """For tests and the demo: seconds."""
