@@ -153,23 +153,19 @@ def _result_path(root: Path, fitting: Fitting) -> Path:
 
 
 def _figure(root: Path, done: list[Fitting]) -> None:
-    """Truth beside every fitting's picture of the same unseen poses and views."""
-    sheets = []
+    """Per actor: truth beside every fitting's picture of the same unseen poses and views."""
     for actor in ACTORS:
         mine = [fitting for fitting in done if fitting.actor == actor]
-        rows = [_rows(root / fitting.name / "evaluation" / "strip.png") for fitting in mine]
-        for number in range(min((len(each) for each in rows), default=0)):
-            truth = rows[0][number][0]
-            pictures = [truth, *(each[number][1] for each in rows)]
-            sheets.append([cv2.resize(picture, TILE) for picture in pictures])
-    if not sheets:
-        return
-    titles = ["truth", *(f.setting[8:] + (" scratch" if f.scratch else " category") for f in mine)]
-    header = [_title(text) for text in titles]
-    picked = sheets[:: max(len(sheets) // 6, 1)][:6]
-    body = np.concatenate([np.concatenate(row, 1) for row in picked])
-    picture = np.concatenate([np.concatenate(header, 1), body])
-    cv2.imwrite(str(RESULTS / "learning.png"), picture)
+        if not mine:
+            continue
+        strips = [_rows(root / fitting.name / "evaluation" / "strip.png") for fitting in mine]
+        titles = [f"{f.setting[8:]} shots, {'scratch' if f.scratch else 'category'}" for f in mine]
+        lines = [[_title(text) for text in ("truth", *titles)]]
+        for number in range(0, STRIP_ROWS, 2):
+            shown = [strips[0][number][0], *(strip[number][1] for strip in strips)]
+            lines.append([cv2.resize(picture, TILE) for picture in shown])
+        picture = np.concatenate([np.concatenate(line, 1) for line in lines])
+        cv2.imwrite(str(RESULTS / f"learning_{actor}.png"), picture)
 
 
 def _title(text: str) -> np.ndarray:
