@@ -21,7 +21,7 @@ DANCES: dict[Role, tuple[Dance, ...]] = {
 }
 JOINT_HEIGHTS = {4: 0.06, 5: 0.06, 7: 0.07, 8: 0.07, 10: 0.026, 11: 0.026, 20: 0.05, 21: 0.05}
 """Joints that may touch the floor, and how far their skin reaches below them, metres."""
-SHY_YAW = 0.15
+SHY_YAW = 0.04
 """How far a held-out dancer turns from the camera while it is still to be surprising."""
 WANDER = 0.25
 """Radius of the path over the floor, metres."""
@@ -69,8 +69,8 @@ SWINGS: dict[Dance, Swings] = {
     "sway": Swings(0.55, 0.35, 0.15, 0.18, 0.0, 1.0, 0.35, 0.9, 0.25, 0.35),
     "step": Swings(0.80, 0.45, 0.50, 0.10, 0.0, 0.5, 0.60, 1.2, 0.20, 0.12),
     "twist": Swings(0.65, 0.55, 0.20, 0.15, 0.0, 0.7, 0.45, 1.1, 0.55, 0.20),
-    "lunge": Swings(0.50, 0.80, 0.35, 0.35, 0.0, 1.4, 0.30, 0.6, 0.35, 0.25),
-    "kick": Swings(0.60, 0.30, 0.15, 0.12, 1.0, 1.1, 0.70, 0.8, 0.30, 0.15),
+    "lunge": Swings(0.50, 0.80, 0.35, 0.35, 0.0, 1.4, 0.30, 0.6, 0.12, 0.18),
+    "kick": Swings(0.60, 0.30, 0.15, 0.12, 1.0, 1.1, 0.70, 0.8, 0.15, 0.15),
 }
 
 

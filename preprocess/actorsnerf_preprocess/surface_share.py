@@ -8,8 +8,8 @@ from actorsnerf_preprocess.shots import View
 
 COVER = 0.06
 """Metres of clothes and hair that may lie between the body and what is drawn."""
-GRAZING = 0.15
-"""Cosine below which a surface is seen too flat to count."""
+GRAZING = 0.25
+"""Cosine below which a surface is seen too flat to count: a quarter of its pixels are left."""
 
 
 def vertex_areas(vertices: Float64, faces: Int64) -> Float64:
