@@ -1,47 +1,50 @@
-"""The decoded pictures used last, bounded in bytes; each process has its own."""
+"""The decoded pictures and vertices used last, bounded in bytes; each process has its own."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from typing import TypeVar, cast
 
-from actorsnerf_datasets.types import Picture
+from actorsnerf_datasets.types import Float32, Picture
+
+Item = TypeVar("Item", Picture, Float32)
 
 CACHE_BYTES = 256 * 1024**2
 """Enough for all frames of a few-shot setting at half resolution."""
 
 
 class PictureCache:
-    """Least-recently-used decoded pictures; travels to another process empty."""
+    """Least-recently-used decoded pictures and vertices; travels to another process empty."""
 
     def __init__(self, limit: int = CACHE_BYTES) -> None:
         self._limit = limit
         self._bytes = 0
-        self._pictures: OrderedDict[Hashable, Picture] = OrderedDict()
+        self._items: OrderedDict[Hashable, Picture | Float32] = OrderedDict()
 
     def __reduce__(self) -> tuple[type["PictureCache"], tuple[int]]:
         return PictureCache, (self._limit,)
 
     @property
     def held_bytes(self) -> int:
-        """Bytes of the pictures held now; at most the limit."""
+        """Bytes of what is held now; at most the limit."""
         return self._bytes
 
-    def get(self, key: Hashable, read: Callable[[], Picture]) -> Picture:
-        """The picture of a key, from memory or else from `read`.
+    def get(self, key: Hashable, read: Callable[[], Item]) -> Item:
+        """The picture or the vertices of a key, from memory or else from `read`.
 
-        A picture larger than the whole limit is handed through and not kept.
+        What is larger than the whole limit is handed through and not kept.
         """
-        if key in self._pictures:
-            self._pictures.move_to_end(key)
-            return self._pictures[key]
-        picture = read()
-        if _bytes_of(picture) <= self._limit:
-            self._pictures[key] = picture
-            self._bytes += _bytes_of(picture)
+        if key in self._items:
+            self._items.move_to_end(key)
+            return cast(Item, self._items[key])  # a key always stands for one kind
+        item = read()
+        if _bytes_of(item) <= self._limit:
+            self._items[key] = item
+            self._bytes += _bytes_of(item)
         while self._bytes > self._limit:
-            _, oldest = self._pictures.popitem(last=False)
+            _, oldest = self._items.popitem(last=False)
             self._bytes -= _bytes_of(oldest)
-        return picture
+        return item
 
 
-def _bytes_of(picture: Picture) -> int:
-    return picture.rgb.nbytes + picture.alpha.nbytes
+def _bytes_of(item: Picture | Float32) -> int:
+    return item.rgb.nbytes + item.alpha.nbytes if isinstance(item, Picture) else item.nbytes

@@ -28,7 +28,7 @@ from actorsnerf_datasets.selection import (
     pretraining_protocol,
     usable,
 )
-from actorsnerf_datasets.types import Picture
+from actorsnerf_datasets.types import Float32, Picture
 
 SUPPORT_VIEWS = 3
 """K of the paper."""
@@ -90,7 +90,7 @@ def view_at(sequence: SequenceFile, camera: str | int, frame_number: int) -> Vie
     """
     c, f = camera_index(sequence, camera), sequence.frame_index(frame_number)
     usable(sequence, c, (frame_number,), "asked for")
-    return _view(sequence, c, f, sequence.picture(c, f))
+    return _view(sequence, (c, f), sequence.picture(c, f), sequence.posed_vertices(f))
 
 
 def pad_views(views: Sequence[View]) -> tuple[View, ...]:
@@ -269,7 +269,9 @@ class _Source:
         )
 
     def view(self, frame: int) -> View:
-        return _view(self.file, self.camera, frame, self.picture(frame))
+        key = (self.key, "vertices", frame)
+        vertices = self.cache.get(key, lambda: self.file.posed_vertices(frame))
+        return _view(self.file, (self.camera, frame), self.picture(frame), vertices)
 
     def patches(
         self, frame: int, rng: np.random.Generator, drawing: _Drawing
@@ -288,8 +290,10 @@ class _Source:
             raise UserError(f"{self.file.path}: {place}: {error}") from None
 
 
-def _view(sequence: SequenceFile, camera: int, frame: int, picture: Picture) -> View:
-    header = sequence.header
+def _view(
+    sequence: SequenceFile, place: tuple[int, int], picture: Picture, vertices: Float32
+) -> View:
+    header, (camera, frame) = sequence.header, place
     pose = np.concatenate([np.zeros((1, 3)), header.fits.body_pose[frame]])
     return View(
         image=torch.from_numpy(picture.rgb).float().div_(255.0),
@@ -299,7 +303,7 @@ def _view(sequence: SequenceFile, camera: int, frame: int, picture: Picture) -> 
         pose=torch.from_numpy(pose).float(),
         rest_joints=torch.from_numpy(header.fits.rest_joints[frame]).float(),
         rest_vertices=torch.from_numpy(header.shape.rest_vertices).float(),
-        posed_vertices=torch.from_numpy(sequence.posed_vertices(frame)),
+        posed_vertices=torch.from_numpy(vertices),
         canonical_joints=torch.from_numpy(header.shape.rest_joints).float(),
         actor=header.actor,
         camera=header.cameras[camera].name,

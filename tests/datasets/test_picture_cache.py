@@ -4,7 +4,7 @@ from collections.abc import Callable
 import numpy as np
 
 from actorsnerf_datasets.picture_cache import PictureCache
-from actorsnerf_datasets.types import Picture
+from actorsnerf_datasets.types import Float32, Picture
 
 SIZE = 400
 """Bytes of one picture."""
@@ -58,3 +58,21 @@ def test_it_travels_empty() -> None:
     for key in range(5):
         copied.get(key, lambda: picture(0))
     assert copied.held_bytes == 3 * SIZE
+
+
+def test_vertices_are_kept_beside_pictures() -> None:
+    read: list[int] = []
+
+    def vertices() -> Float32:
+        read.append(0)
+        return np.ones((5, 3), np.float32)
+
+    cache = PictureCache(SIZE + 60)
+    cache.get("picture", lambda: picture(1))
+    for _ in range(2):
+        assert cache.get("vertices", vertices).sum() == 15
+    assert (len(read), cache.held_bytes) == (1, SIZE + 60)
+    cache.get("another", lambda: picture(2))
+    assert cache.held_bytes == SIZE + 60  # the first picture left, not the vertices
+    cache.get("vertices", vertices)
+    assert len(read) == 1
