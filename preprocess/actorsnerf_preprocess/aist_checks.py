@@ -88,11 +88,8 @@ def swapped_sides_finding(joints: Float64, keypoints: Float64) -> tuple[Finding,
         left, right = joints[:, smpl_left], joints[:, smpl_right]
         straight += [left - keypoints[:, coco_left], right - keypoints[:, coco_right]]
         crossed += [left - keypoints[:, coco_right], right - keypoints[:, coco_left]]
-    fit, cross = (
-        float(np.nanmedian(np.linalg.norm(np.concatenate(pairs), axis=-1)))
-        for pairs in (straight, crossed)
-    )
-    if not np.isfinite(fit) or fit <= cross:
+    fit, cross = (_median_length(np.concatenate(pairs)) for pairs in (straight, crossed))
+    if fit is None or cross is None or fit <= cross:
         return ()
     return (
         Finding(
@@ -103,6 +100,13 @@ def swapped_sides_finding(joints: Float64, keypoints: Float64) -> tuple[Finding,
             " 2021: download the release of March 2021 (20210308_motions).",
         ),
     )
+
+
+def _median_length(differences: Float64) -> float | None:
+    """The median length of the vectors (..., 3) without NaN; None if there is none."""
+    lengths = np.linalg.norm(differences, axis=-1)
+    seen = lengths[np.isfinite(lengths)]
+    return float(np.median(seen)) if len(seen) else None
 
 
 def keypoint_distances(

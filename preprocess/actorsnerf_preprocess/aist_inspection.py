@@ -61,7 +61,8 @@ def inspect_aist(found: Found, options: OpenOptions) -> AistInspection:
     if not views:
         reasons = " ".join(f"{finding.entry}: {finding.sentence}" for finding in remarks)
         raise SourceError(f"{found.path}, {found.name}: no view is usable. {reasons}")
-    frames, frame_note = _frames(len(motion.poses), views)
+    covered = max(view.video.annotated_frames for view in views)
+    frames, frame_note = chosen_frames(min(len(motion.poses), covered))
     masks = _given(found, options, views)
     notes = (
         *tree.notes,
@@ -71,6 +72,19 @@ def inspect_aist(found: Found, options: OpenOptions) -> AistInspection:
         frame_note,
     )
     return AistInspection(tree, setting, motion, views, masks, frames, tuple(findings), notes)
+
+
+def chosen_frames(length: int) -> tuple[Int64, str]:
+    """The frame numbers to prepare of `length` frames, and a sentence on the choice."""
+    paper = np.arange(PAPER_FIRST_FRAME, length, PAPER_FRAME_STEP, dtype=np.int64)
+    if len(paper) >= MIN_PAPER_FRAMES:
+        return paper, "Frames 200, 204, 208, ... (15 per second), as in the published experiments."
+    step = PAPER_FRAME_STEP if length >= MIN_PAPER_FRAMES * PAPER_FRAME_STEP else 1
+    chosen = np.arange(0, length, step, dtype=np.int64)
+    return chosen, (
+        f"Too short for frames 200, 204, ... of the published experiments ({length} frames); every"
+        f" frame from 0 in steps of {step} is used."
+    )
 
 
 def _ignore_findings(sequence: str, tree: AistTree, options: OpenOptions) -> tuple[Finding, ...]:
@@ -83,20 +97,6 @@ def _ignore_findings(sequence: str, tree: AistTree, options: OpenOptions) -> tup
         )
     sentence = f"{sequence} is on the ignore list of the data set and was accepted."
     return (Finding("warning", "ignore_list.txt", sentence),)
-
-
-def _frames(motion_length: int, views: tuple[AistView, ...]) -> tuple[Int64, str]:
-    """The frame numbers to prepare and a sentence on the choice."""
-    length = min(motion_length, max(view.video.annotated_frames for view in views))
-    paper = np.arange(PAPER_FIRST_FRAME, length, PAPER_FRAME_STEP, dtype=np.int64)
-    if len(paper) >= MIN_PAPER_FRAMES:
-        return paper, "Frames 200, 204, 208, ... (15 per second), as in the published experiments."
-    step = PAPER_FRAME_STEP if length >= MIN_PAPER_FRAMES * PAPER_FRAME_STEP else 1
-    chosen = np.arange(0, length, step, dtype=np.int64)
-    return chosen, (
-        f"Too short for frames 200, 204, ... of the published experiments ({length} frames); every"
-        f" frame from 0 in steps of {step} is used."
-    )
 
 
 def _given(

@@ -23,8 +23,10 @@ from actorsnerf_preprocess.presence import shows_somebody
 from actorsnerf_preprocess.silhouettes import body_silhouette, person_box
 from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture, SourceError
 
-_COVER_SHARE = 0.15
-"""Of the body's height in the picture: how far around the body a sample does not vote."""
+_NEAR_SHARE = 0.15
+_COVER_SHARE = 0.05
+"""Of the body's length in the picture: how far around it a sample does not vote, if there are
+enough others, and never."""
 
 
 @dataclass(frozen=True)
@@ -130,17 +132,19 @@ class AistReader:
         samples = []
         for stamp, picture in spread_pictures(view.video.path, (times / ANNOTATION_RATE).tolist()):
             nearest = int(np.abs(frames - stamp * ANNOTATION_RATE).argmin())
-            samples.append(StageSample(picture, _cover(self._scene.silhouette(view, nearest))))
+            samples.append(_sample(picture, self._scene.silhouette(view, nearest)))
         if not samples:
             raise SourceError(f"{view.video.path}: no picture for a background can be decoded.")
         return estimate_background(samples)
 
 
-def _cover(body: UInt8) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Where the person may be: the body and a wide rim."""
+def _sample(picture: UInt8, body: UInt8) -> StageSample:
+    """A picture and where the person may be in it: the body with a narrow and with a wide rim."""
     box = person_box(body, 0)
     if box is None:
-        return np.zeros(body.shape, np.bool_)
-    reach = round(_COVER_SHARE * max(box[3] - box[1], box[2] - box[0])) + 1
-    distance = cv2.distanceTransform(255 - body, cv2.DIST_L2, 3)
-    return np.asarray(distance) <= reach
+        nobody = np.zeros(body.shape, np.bool_)
+        return StageSample(picture, nobody, nobody)
+    length = max(box[3] - box[1], box[2] - box[0])
+    distance = np.asarray(cv2.distanceTransform(255 - body, cv2.DIST_L2, 3))
+    near, covered = (distance <= share * length + 1 for share in (_NEAR_SHARE, _COVER_SHARE))
+    return StageSample(picture, near, covered)

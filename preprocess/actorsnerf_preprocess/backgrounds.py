@@ -36,15 +36,18 @@ class StageSample:
 
     picture: UInt8
     """(H, W, 3) RGB."""
+    near: NDArray[np.bool_]
+    """(H, W) where hair and clothes could be."""
     covered: NDArray[np.bool_]
-    """(H, W)."""
+    """(H, W) where the person most likely is; part of `near`."""
 
 
 def estimate_background(samples: Sequence[StageSample]) -> Background:
     """The temporal median of what the samples show of the stage.
 
-    Pixels under the (dilated) projected body do not vote, so a dancer who stays at one place does
-    not become background. Pixels never seen are filled in from their surroundings and marked.
+    Pixels near the projected body do not vote, so a dancer who stays at one place does not become
+    background. Where that leaves too few votes, only those under the body are left out. Pixels
+    never seen are filled in from their surroundings and marked.
 
     Args:
         samples: at least one; all of one size.
@@ -68,7 +71,10 @@ def estimate_background(samples: Sequence[StageSample]) -> Background:
 
 def _strip(samples: Sequence[StageSample], rows: slice) -> tuple[UInt8, Float32, NDArray[np.int64]]:
     """Median, mean absolute deviation and votes of some rows."""
+    least = min(MIN_SEEN, len(samples))
+    near = np.stack([sample.near[rows] for sample in samples], -1)
     covered = np.stack([sample.covered[rows] for sample in samples], -1)
+    covered = np.where((~near).sum(-1, keepdims=True) >= least, near, covered)
     values = np.stack([sample.picture[rows] for sample in samples], -1)
     votes = (~covered).sum(-1)
     # Covered samples sort to the end, behind the middle of those that vote.

@@ -10,6 +10,7 @@ from actorsnerf_datasets.types import Float32, UInt8
 from actorsnerf_preprocess.backgrounds import Background
 
 _FURTHEST = 9.0
+_DETAIL_SIGMA = 1.5
 _DIMMEST_STAGE = 8.0
 """Grey values: below this a ratio to the stage says nothing."""
 _BRIGHTEST_SHADOW = 1.03
@@ -58,7 +59,8 @@ def person_evidence(
 
     A difference that a soft shadow explains (the stage dimmed evenly, Horprasert et al., 1999)
     does not count outside the fitted body: the grey of clothes and the grey of a shadow on a grey
-    stage cannot be told apart, but shadows fall beside the body.
+    stage cannot be told apart, but shadows fall beside the body. Where the stage is not known, only
+    pixels well inside or well outside the fitted body are decided.
 
     Args:
         picture: (H, W, 3) RGB.
@@ -74,9 +76,12 @@ def person_evidence(
     shadow = _shadow(shown, empty, stage.noise, options)
     outside = 1.0 - _sigmoid(signed / 0.004)
     unexplained = plain * (1.0 - shadow * outside)
-    near = options.body_weight * np.clip(signed / options.body_softness, -1.0, 1.0)
+    near = np.clip(signed / options.body_softness, -1.0, 1.0)
     vote = options.weight * (np.minimum(unexplained, options.saturation) - options.threshold)
-    vote = np.where(stage.known, vote + near, _FURTHEST * near)
+    unseen = np.where(
+        near >= 1.0, _FURTHEST, np.where(signed < -2 * options.body_softness, -_FURTHEST, near)
+    )
+    vote = np.where(stage.known, vote + near * options.body_weight, unseen)
     vote[signed < -options.reach] = -_FURTHEST
     return Evidence(
         person=vote.astype(np.float32),
@@ -92,11 +97,20 @@ def _shadow(shown: Float32, empty: Float32, noise: Float32, options: EvidenceOpt
     colour_change = _root_mean_square(shown - dimmed)
     brightness = empty.mean(2)
     ratio = shown.mean(2) / np.maximum(brightness, _DIMMEST_STAGE)
-    smooth = cv2.GaussianBlur(ratio, (0, 0), options.shadow_smoothness)
-    detail = cv2.blur(np.abs(ratio - smooth) * brightness, (5, 5))
+    # The person's own pixels would make the shadow beside them look uneven.
+    counts = (colour_change < options.shadow_detail * noise).astype(np.float32)
+    smooth = _mean_of(ratio, counts, options.shadow_smoothness)
+    detail = _mean_of(np.abs(ratio - smooth) * brightness, counts, _DETAIL_SIGMA)
     surprise = np.maximum(colour_change, detail) / noise
     possible = (light > options.darkest_shadow) & (light < _BRIGHTEST_SHADOW)
     return np.asarray(possible * _sigmoid(2.0 * (options.shadow_detail - surprise)), np.float32)
+
+
+def _mean_of(values: Float32, counts: Float32, sigma: float) -> Float32:
+    """The Gaussian mean around each pixel of the values that count; 0 where none does."""
+    weight = cv2.GaussianBlur(counts, (0, 0), sigma)
+    total = cv2.GaussianBlur(values * counts, (0, 0), sigma)
+    return np.asarray(total / np.maximum(weight, 1e-3), np.float32)
 
 
 def _signed_distance(body: UInt8) -> Float32:
@@ -109,5 +123,5 @@ def _root_mean_square(difference: Float32) -> Float32:
     return np.asarray(np.sqrt((difference * difference).mean(2)), np.float32)
 
 
-def _sigmoid(value: Float32) -> Float32:
+def _sigmoid(value: NDArray[np.floating]) -> Float32:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(value, -20.0, 20.0))), np.float32)

@@ -77,7 +77,7 @@ def make_mask(
     )
     height, width = body[window].shape
     cut = np.asarray(cv2.resize(cut, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
-    alpha[window] = matte(picture[window], stage.picture, cut, length)
+    alpha[window] = matte(picture[window], stage, cut, length)
     return alpha
 
 

@@ -4,21 +4,23 @@ import cv2
 import numpy as np
 
 from actorsnerf_datasets.types import Float32, UInt8
+from actorsnerf_preprocess.backgrounds import Background
 
 _LEAST_CONTRAST = 10.0
 """Grey values between person and stage below which the picture does not say where the edge is."""
 
 
-def matte(picture: UInt8, stage: UInt8, cut: UInt8, length: float) -> UInt8:
+def matte(picture: UInt8, stage: Background, cut: UInt8, length: float) -> UInt8:
     """(H, W) the person's share of each pixel, 0 to 255, near the edge of a hard cut.
 
     In a narrow band `I = a F + (1 - a) B` is solved for a, with B the known stage and F the mean
     colour of the person a little farther inside: the edge lands where the picture has it, also
-    between pixels. Where person and stage look alike, the cut's own edge is blurred a little.
+    between pixels. Where person and stage look alike, or the stage is not known, the cut's own
+    edge is blurred a little.
 
     Args:
         picture: (H, W, 3).
-        stage: (H, W, 3) the empty stage.
+        stage: the same window of the background.
         cut: (H, W) nonzero on the person.
         length: longer side of the body's box, pixels; the band is about a hundredth of it.
     """
@@ -28,11 +30,11 @@ def matte(picture: UInt8, stage: UInt8, cut: UInt8, length: float) -> UInt8:
     window = 2 * max(round(0.0085 * length), 2) + 1
     inner, weight = _mean_inside(picture, core, window)
     shown = cv2.GaussianBlur(picture, (0, 0), 0.5).astype(np.float32)
-    empty = cv2.GaussianBlur(stage, (0, 0), 0.5).astype(np.float32)
+    empty = cv2.GaussianBlur(stage.picture, (0, 0), 0.5).astype(np.float32)
     contrast = inner - empty
     power = (contrast * contrast).sum(2)
     share = ((shown - empty) * contrast).sum(2) / np.maximum(power, 1.0)
-    solved = (weight > 0) & (power > 3 * _LEAST_CONTRAST**2)
+    solved = (weight > 0) & (power > 3 * _LEAST_CONTRAST**2) & stage.known
     blurred = cv2.GaussianBlur(person.astype(np.float32), (0, 0), 0.8)
     alpha = np.where(solved, np.clip(share, 0.0, 1.0), blurred)
     alpha = np.where(core > 0, 1.0, np.where(wide > 0, alpha, 0.0))

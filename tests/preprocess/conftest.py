@@ -1,5 +1,6 @@
 """What the preparation's tests share: raw ZJU-MoCap trees, by hand from a tiny body and drawn."""
 
+import json
 import os
 import pickle
 from collections.abc import Callable
@@ -308,3 +309,156 @@ def scene(tmp_path: Path, write_zju: WriteTree, tiny_body: Path) -> Scene:
     write_zju(made.tree)
     made.body.write_bytes(tiny_body.read_bytes())
     return made
+
+
+AIST_NAME = "gBR_sFM_cAll_d31_mBR0_ch01"
+AIST_SCALING = 93.0
+AIST_DISTORTION = [-0.06, 0.0, 0.0, 0.0, 0.0]
+
+
+@dataclass(frozen=True)
+class HandAist:
+    """A small AIST++ tree and the truth that it was made from."""
+
+    root: Path
+    name: str
+    body: Path
+    names: tuple[str, ...]
+    size: tuple[int, int]
+    scaling: float
+    centres: Float64
+    """(C, 3) where the cameras stand, metres of the body."""
+    world_vertices: Float64
+    """(F, V, 3) metres of the body."""
+    world_joints: Float64
+    """(F, 24, 3)."""
+    masks: Path
+    """One folder per video, outside the tree."""
+
+
+WriteAist = Callable[..., HandAist]
+
+
+@pytest.fixture
+def write_aist(tiny_body: Path) -> WriteAist:
+    """Writes annotations and videos; by default 3 views and 8 frames of 192 x 108 pixels."""
+
+    def write(
+        home: Path, cameras: int = 3, frames: int = 8, size: tuple[int, int] = (192, 108)
+    ) -> HandAist:
+        rng = np.random.default_rng(5)
+        body = home / "tiny_male.npz"
+        home.mkdir(parents=True, exist_ok=True)
+        body.write_bytes(tiny_body.read_bytes())
+        poses = np.cumsum(rng.normal(0, 0.03, (frames, 24, 3)), axis=0)
+        poses[:, 0, 0] += 1.2
+        turn = np.linspace(0, 2 * np.pi, frames, endpoint=False)
+        moved = np.stack([0.9 * np.sin(turn), 1.1 + 0 * turn, 0.9 * np.cos(turn)], axis=1)
+        posed = [
+            pose(load_body_model(body), np.zeros(10), np.vstack([np.zeros((1, 3)), each[1:]]))
+            for each in poses
+        ]
+        turned = matrix_from_axis_angle(poses[:, 0])
+        vertices, joints = (
+            np.stack(
+                [
+                    (points - one.rest_joints[0]) @ R.T + one.rest_joints[0] + shift
+                    for points, one, R, shift in zip(clouds, posed, turned, moved, strict=True)
+                ]
+            )
+            for clouds in ([one.vertices for one in posed], [one.joints for one in posed])
+        )
+        entries = [_aist_camera(index, cameras, size) for index in range(cameras)]
+        names = tuple(str(entry["name"]) for entry in entries)
+        centres = np.stack([entry.pop("centre") for entry in entries])
+        tree = HandAist(
+            home / "aist",
+            AIST_NAME,
+            body,
+            names,
+            size,
+            AIST_SCALING,
+            centres,
+            vertices,
+            joints,
+            masks=home / "masks",
+        )
+        _write_aist_annotations(tree, poses, moved, entries)
+        for entry in entries:
+            _write_aist_video(tree, entry, rng)
+        return tree
+
+    return write
+
+
+def _aist_camera(index: int, count: int, size: tuple[int, int]) -> dict[str, Any]:
+    turn = 2 * np.pi * index / count
+    centre = np.array([4.5 * np.sin(turn), 1.4, 4.5 * np.cos(turn)])
+    forward = np.array([0.0, 0.9, 0.0]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(forward, right), forward])
+    focal = 1.5 * size[1]
+    return {
+        "name": f"c{index + 1:02d}",
+        "size": list(size),
+        "matrix": [[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]],
+        "rotation": cv2.Rodrigues(R)[0].ravel().tolist(),
+        "translation": (-R @ centre * AIST_SCALING).tolist(),
+        "distortions": AIST_DISTORTION,
+        "centre": centre,
+    }
+
+
+def _write_aist_annotations(
+    tree: HandAist, poses: Float64, moved: Float64, entries: list[dict[str, Any]]
+) -> None:
+    annotations = tree.root / "annotations"
+    for folder in ("cameras", "motions"):
+        (annotations / folder).mkdir(parents=True)
+    motion = {
+        "smpl_poses": poses.reshape(len(poses), 72),
+        "smpl_scaling": np.array([tree.scaling]),
+        "smpl_trans": tree.scaling * moved,
+        "smpl_loss": 1.0,
+    }
+    (annotations / "motions" / f"{tree.name}.pkl").write_bytes(pickle.dumps(motion))
+    (annotations / "cameras" / "mapping.txt").write_text(f"{tree.name} setting7_1\n")
+    (annotations / "cameras" / "setting7_1.json").write_text(json.dumps(entries))
+    (annotations / "ignore_list.txt").write_text("gHO_sFM_cAll_d20_mHO5_ch13 \n\n")
+
+
+def _write_aist_video(tree: HandAist, entry: dict[str, Any], rng: np.random.Generator) -> None:
+    name = tree.name.replace("cAll", entry["name"])
+    for folder in (tree.root / "videos", tree.masks / name):
+        folder.mkdir(parents=True, exist_ok=True)
+    width, height = tree.size
+    stage = rng.integers(60, 160, (height // 4 + 1, width // 4 + 1, 3)).astype(np.uint8)
+    stage = np.repeat(np.repeat(stage, 4, axis=0), 4, axis=1)[:height, :width]
+    stage = cv2.GaussianBlur(stage, (0, 0), 2).astype(np.uint8)
+    writer = cv2.VideoWriter(
+        str(tree.root / "videos" / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60.0, tree.size
+    )
+    for frame, world in enumerate(tree.world_vertices):
+        pixels, _ = cv2.projectPoints(
+            world,
+            np.array(entry["rotation"]),
+            np.array(entry["translation"]) / tree.scaling,
+            np.array(entry["matrix"]),
+            np.array(entry["distortions"]),
+        )
+        picture, mask = stage.copy(), np.zeros((height, width), np.uint8)
+        for box in pixels.reshape(24, 8, 2):
+            hull = cv2.convexHull(np.round(box).astype(np.int32))
+            cv2.fillConvexPoly(picture, hull, (40, 60, 220))
+            cv2.fillConvexPoly(mask, hull, 255)
+        writer.write(picture)
+        cv2.imwrite(str(tree.masks / name / f"{frame:06d}.png"), mask)
+    writer.release()
+
+
+@pytest.fixture
+def aist(write_aist: WriteAist, tmp_path: Path) -> HandAist:
+    """A sound AIST++ tree in a folder of its own."""
+    return write_aist(tmp_path)

@@ -1,0 +1,156 @@
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from actorsnerf_datasets.cameras import camera_centre
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
+from actorsnerf_preprocess.aist_checks import SMPL_OF_COCO
+from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
+from actorsnerf_preprocess.source import OpenOptions, SourceError
+
+POSES = ("smpl_poses", "smpl_trans")
+
+
+def rewritten(tree: Any, **changes: Any) -> None:
+    path = tree.root / "annotations" / "motions" / f"{tree.name}.pkl"
+    path.write_bytes(pickle.dumps(pickle.loads(path.read_bytes()) | changes))
+
+
+def test_a_raw_tree_is_found_opened_and_right(aist: Any) -> None:
+    (found,) = find_aist(aist.root)
+    assert (found.name, found.dataset) == (aist.name, "aist++")
+    source = open_aist(found, OpenOptions(body_model=aist.body, pairs="all"))
+    assert source.actor == "d31" and source.body_model == "smpl male"
+    assert source.world_up.tolist() == [0, 1, 0]
+    assert [camera.name for camera in source.cameras] == list(aist.names)
+    for camera, centre in zip(source.cameras, aist.centres, strict=True):
+        np.testing.assert_allclose(camera_centre(camera.R, camera.T), centre, atol=1e-9)
+    matrix = source.fits.world_from_body
+    world = source.fits.posed_vertices @ np.swapaxes(matrix[:, :3, :3], 1, 2)
+    world += matrix[:, None, :3, 3]
+    np.testing.assert_allclose(world, aist.world_vertices, atol=1e-6)
+    assert source.wanted.all() and source.wanted.shape == (3, 8)
+
+
+def test_a_prepared_file_holds_what_was_photographed(aist: Any, tmp_path: Path) -> None:
+    source = open_aist(
+        find_aist(aist.root)[0],
+        OpenOptions(body_model=aist.body, pairs="all", masks=aist.masks),
+    )
+    (tmp_path / "out").mkdir()
+    prepare_sequence(source, tmp_path / "out", PrepareOptions())
+    with SequenceFile(tmp_path / "out" / f"{aist.name}.h5") as prepared:
+        header = prepared.header
+        assert header.provenance.dataset == "aist++"
+        assert header.provenance.mask_source == "given by the user"
+        assert prepared.valid.all()
+        picture = prepared.picture(1, 4)
+        person = picture.alpha == 255
+        # The dancer is drawn in one colour, RGB 220, 60, 40; thin limbs are blurred by the video.
+        np.testing.assert_allclose(np.median(picture.rgb[person], 0), [220, 60, 40], atol=15)
+
+
+def test_only_what_the_protocol_uses_is_wanted(aist: Any) -> None:
+    (found,) = find_aist(aist.root)
+    source = open_aist(found, OpenOptions(body_model=aist.body))
+    (protocol,) = source.protocols
+    assert (protocol.name, protocol.role) == ("generic", "pretraining")
+    assert source.wanted[0].all() and not source.wanted[1:].any()
+    held_out = open_aist(found, OpenOptions(body_model=aist.body, held_out=("d31",)))
+    assert held_out.protocols[0].role == "held_out"
+
+
+def test_the_papers_sequences_have_the_papers_protocol(write_aist: Any, tmp_path: Path) -> None:
+    tree = write_aist(tmp_path, cameras=1, frames=2, size=(64, 36))
+    official = "gJS_sFM_cAll_d01_mJS5_ch06"
+    path = tree.root / "annotations" / "motions" / f"{tree.name}.pkl"
+    motion = pickle.loads(path.read_bytes())
+    longer = {key: np.resize(motion[key], (440, motion[key].shape[1])) for key in POSES}
+    path.with_name(f"{official}.pkl").write_bytes(pickle.dumps(motion | longer))
+    path.unlink()
+    (tree.root / "annotations" / "cameras" / "mapping.txt").write_text(f"{official} setting7_1")
+    video = tree.root / "videos" / f"{official.replace('cAll', 'c01')}.mp4"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 60.0, (64, 36))
+    for _ in range(440):
+        writer.write(np.zeros((36, 64, 3), np.uint8))
+    writer.release()
+    (found,) = find_aist(tree.root)
+    source = open_aist(found, OpenOptions(body_model=tree.body))
+    assert source.frames.tolist() == list(range(200, 440, 4))
+    (protocol,) = source.protocols
+    assert (protocol.name, protocol.role) == ("actorsnerf-aist", "pretraining")
+    assert source.wanted.all()
+
+
+def test_the_survey_needs_no_body_model(aist: Any) -> None:
+    facts = dict(survey_aist(find_aist(aist.root)[0], OpenOptions()).facts)
+    assert facts["views"] == "c01, c02, c03"
+    assert facts["picture size"] == "192 x 108"
+    assert facts["camera setting"] == "setting7_1"
+    assert facts["scaling"] == "93.000 world units per metre"
+    assert facts["frames"] == "8: 0 to 7"
+
+
+def test_no_body_model_says_which_where_and_how(aist: Any) -> None:
+    (found,) = find_aist(aist.root)
+    with pytest.raises(SourceError, match="SMPL's male model") as refusal:
+        open_aist(found, OpenOptions())
+    assert "https://smpl.is.tue.mpg.de" in str(refusal.value)
+    assert "--body-model" in str(refusal.value)
+
+
+def test_another_than_the_male_model_is_a_warning(aist: Any, tiny_body: Path) -> None:
+    source = open_aist(find_aist(aist.root)[0], OpenOptions(body_model=tiny_body))
+    assert any("is not SMPL's male model by its name" in each.sentence for each in source.findings)
+    assert source.body_model == "tiny_neutral"
+
+
+def test_a_synthetic_tree_has_the_free_body(aist: Any) -> None:
+    (aist.root / "synthetic.json").write_text("{}")
+    (found,) = find_aist(aist.root)
+    assert found.dataset == "synthetic"
+    source = open_aist(found, OpenOptions())
+    assert source.body_model == "cc0 body" and source.fits.posed_vertices.shape[1] > 10000
+
+
+def test_units_that_do_not_agree_are_refused(aist: Any) -> None:
+    rewritten(aist, smpl_scaling=np.array([0.93]))
+    with pytest.raises(SourceError, match="motion and cameras are in different units"):
+        open_aist(find_aist(aist.root)[0], OpenOptions(body_model=aist.body))
+
+
+def test_keypoints_are_compared_where_they_are_there(aist: Any) -> None:
+    folder = aist.root / "annotations" / "keypoints3d"
+    folder.mkdir()
+    points = np.full((8, 17, 3), np.nan)
+    for coco, smpl in SMPL_OF_COCO:
+        mirrored = smpl + (1 if smpl % 2 else -1) if smpl < 12 else smpl + (-1 if smpl % 2 else 1)
+        points[:, coco] = aist.scaling * aist.world_joints[:, mirrored]
+    content = {"keypoints3d": points, "keypoints3d_optim": points}
+    (folder / f"{aist.name}.pkl").write_bytes(pickle.dumps(content))
+    source = open_aist(find_aist(aist.root)[0], OpenOptions(body_model=aist.body))
+    assert any("left and right of the body are swapped" in f.sentence for f in source.findings)
+
+
+def test_motions_without_videos_are_refused_with_where_to_get_them(aist: Any) -> None:
+    for path in (aist.root / "videos").iterdir():
+        path.unlink()
+    with pytest.raises(SourceError, match="1 motions but none of their videos") as refusal:
+        find_aist(aist.root)
+    assert "https://aistdancedb.ongaaccel.jp" in str(refusal.value)
+
+
+def test_a_folder_of_something_else_holds_nothing(tmp_path: Path) -> None:
+    assert find_aist(tmp_path) == ()
+
+
+def test_a_sequence_that_is_not_there_is_named(aist: Any) -> None:
+    (found,) = find_aist(aist.root)
+    with pytest.raises(SourceError, match=r"gXX\.pkl: there is no such file"):
+        open_aist(replace(found, name="gXX"), OpenOptions(body_model=aist.body))
