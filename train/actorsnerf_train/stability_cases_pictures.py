@@ -194,7 +194,7 @@ def _reference(subject: Subject, state: PoseState, rays: Rays) -> Answer:
     with torch.no_grad():
         seen = reference_render_pixels(subject.method, subject.state, state, rays, subject.options)
     sure = sure_rays(subject, state, rays)
-    note = f"mean alpha {float(seen.alpha.mean()):.2f}, {int((~sure).sum())} rays not compared"
+    note = f"mean alpha {float(seen.alpha.mean()):.2g}, {int((~sure).sum())} rays not compared"
     return Answer(_colours(seen), counted=sure, note=note)
 
 
