@@ -1,6 +1,6 @@
 """Peak memory of one `official` category-training step and of one whole picture, on the CPU.
 
-    python benchmarks/bench_memory.py PREPARED.h5
+    python benchmarks/bench_memory.py [PREPARED.h5]
 
 The file's crops are enlarged to about 512 pixels, so that sizes are the released ones whatever was
 prepared; each case runs in a process of its own and reports the kernel's peak resident size. Writes
@@ -32,21 +32,26 @@ from actorsnerf_train.objective import Objective
 
 TARGET = 512
 RESULTS = Path(__file__).resolve().parent / "results"
+DEMO = RESULTS.parent.parent / "data" / "demo" / "prepared"
 CASES = ("load", "step", "picture")
 
 
 def main() -> int:
     """Exit status 0 when every case ran."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", type=Path)
+    parser.add_argument("file", type=Path, nargs="?", help="any prepared file; `make demo`'s")
     parser.add_argument("--case", choices=CASES)
     arguments = parser.parse_args()
+    found = sorted(DEMO.glob("*.h5"))
+    file = arguments.file or (found[0] if found else None)
+    if file is None:
+        parser.error("no prepared file given, and none of the demonstration: run make demo")
     if arguments.case:
-        print(_case(arguments.case, arguments.file))
+        print(_case(arguments.case, file))
         return 0
     lines = ["| case | peak memory, GB | seconds | survivors |", "| --- | --- | --- | --- |"]
     for case in CASES:
-        command = [sys.executable, __file__, str(arguments.file), "--case", case]
+        command = [sys.executable, __file__, str(file), "--case", case]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         lines.append(done.stdout.strip().splitlines()[-1])
     RESULTS.mkdir(exist_ok=True)
