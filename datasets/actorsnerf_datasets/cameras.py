@@ -82,6 +82,8 @@ def distorted(rays: Float64, distortion: Float64) -> Float64:
 
     Source: OpenCV, "Camera Calibration and 3D Reconstruction".
     """
+    if not np.any(distortion):
+        return rays
     k1, k2, p1, p2, k3 = distortion
     x, y = rays[..., 0], rays[..., 1]
     square = x * x + y * y

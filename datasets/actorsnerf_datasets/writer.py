@@ -4,6 +4,7 @@ The same input gives a byte-identical file, and a file of the final name is alwa
 written as `<name>.part`, synchronised to disk, and renamed.
 """
 
+import hashlib
 import os
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from actorsnerf_datasets.digests import digest_of_arrays, digest_of_dataset, digest_of_strings
+from actorsnerf_datasets.digests import digest_of_arrays, digest_of_strings
 from actorsnerf_datasets.errors import LayoutError
 from actorsnerf_datasets.header import Values, header_arrays, header_attributes
 from actorsnerf_datasets.layout import DIGEST_ATTRIBUTE, ENTRIES
@@ -159,6 +160,7 @@ def _write_pictures(
     width, height = crop_size
     forms = {"pictures/rgb": (height, width, 3), "pictures/alpha": (height, width)}
     datasets = {name: _growing(file, name, shape) for name, shape in forms.items()}
+    digests = {name: hashlib.sha256() for name in forms}
     row = np.full((len(header.cameras), len(header.frames)), -1, np.int32)
     valid = np.zeros(row.shape, np.bool_)
     offsets: list[tuple[int, int]] = []
@@ -173,11 +175,14 @@ def _write_pictures(
         row[place] = len(offsets)
         valid[place] = picture.valid
         offsets.append(picture.offset)
-        _append_chunk(path, datasets["pictures/rgb"], picture.rgb_chunk)
-        _append_chunk(path, datasets["pictures/alpha"], picture.alpha_chunk)
+        for name, chunk in (
+            ("pictures/rgb", picture.rgb_chunk),
+            ("pictures/alpha", picture.alpha_chunk),
+        ):
+            digests[name].update(_append_chunk(path, datasets[name], chunk))
         target.require_written()
-    for dataset in datasets.values():
-        dataset.attrs[DIGEST_ATTRIBUTE] = digest_of_dataset(dataset)
+    for name, dataset in datasets.items():
+        dataset.attrs[DIGEST_ATTRIBUTE] = digests[name].hexdigest()
     _write_array(file, "pictures/offset", np.array(offsets, np.int32).reshape(-1, 2))
     _write_array(file, "pictures/row", row)
     _write_array(file, "pictures/valid", valid)
@@ -197,9 +202,11 @@ def _growing(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset
     return dataset
 
 
-def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> None:
+def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> bytes:
+    """The picture's bytes, once its chunk is written."""
     count, *shape = dataset.shape
-    found, expected = len(zlib.decompress(chunk)), int(np.prod(shape))
+    raw = zlib.decompress(chunk)
+    found, expected = len(raw), int(np.prod(shape))
     if found != expected:
         raise LayoutError(
             f"{path}: {dataset.name}: a picture of {found} bytes, expected "
@@ -207,6 +214,7 @@ def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> None:
         )
     dataset.resize(count + 1, axis=0)
     dataset.id.write_direct_chunk((count, *(0 for _ in shape)), chunk)
+    return raw
 
 
 def _write_protocol(file: h5py.File, protocol: Protocol) -> None:

@@ -1,8 +1,8 @@
-"""Pictures and masks of a folder tree, one file each: a `FrameReader` of image files."""
+"""Pictures and masks of a folder tree, one file each: a `SplitReader` of image files."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -71,23 +71,40 @@ class ImageReader:
     ) -> Iterator[RawPicture | Absent]:
         """One item per frame index, in order."""
         for frame_index in frame_indices:
-            yield self._read(camera_index, frame_index)
+            paths = self.files(camera_index, frame_index)
+            contents = _contents(paths)
+            if isinstance(contents, Absent):
+                yield contents
+                continue
+            picture = self._picture(camera_index, paths[0], contents[0])
+            mask = self._mask(camera_index, frame_index, contents)
+            if isinstance(picture, Absent):
+                yield picture
+            elif isinstance(mask, Absent):
+                yield mask
+            else:
+                yield replace(picture, mask=mask)
 
-    def _read(self, camera_index: int, frame_index: int) -> RawPicture | Absent:
-        paths = self.files(camera_index, frame_index)
-        contents = _contents(paths)
-        if isinstance(contents, Absent):
-            return contents
-        image = cv2.imdecode(np.frombuffer(contents[0], np.uint8), READ_FLAGS)
+    def read_images(
+        self, camera_index: int, frame_indices: Sequence[int]
+    ) -> Iterator[RawPicture | Absent]:
+        """One item without a mask per frame index, in order."""
+        for frame_index in frame_indices:
+            paths = self.files(camera_index, frame_index)[:1]
+            contents = _contents(paths)
+            if isinstance(contents, Absent):
+                yield contents
+            else:
+                yield self._picture(camera_index, paths[0], contents[0])
+
+    def _picture(self, camera_index: int, path: Path, content: bytes) -> RawPicture | Absent:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), READ_FLAGS)
         if image is None:
-            return Absent(str(paths[0]), "not a readable picture")
+            return Absent(str(path), "not a readable picture")
         size = self._sizes[camera_index]
         if image.shape[1::-1] != size:
-            return Absent(str(paths[0]), f"{_by(image.shape[1::-1])} instead of {_by(size)}")
-        mask = self._mask(camera_index, frame_index, contents)
-        if isinstance(mask, Absent):
-            return mask
-        return RawPicture(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), mask)
+            return Absent(str(path), f"{_by(image.shape[1::-1])} instead of {_by(size)}")
+        return RawPicture(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), None)
 
     def _mask(
         self, camera_index: int, frame_index: int, contents: list[bytes]

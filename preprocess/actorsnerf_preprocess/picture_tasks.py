@@ -1,14 +1,16 @@
 """What worker processes do: probe masks, and turn raw pictures into compressed crops."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from actorsnerf_datasets.types import Picture
 from actorsnerf_datasets.writer import StoredPicture, encode_picture
+from actorsnerf_preprocess.packed_masks import unpacked_mask
 from actorsnerf_preprocess.pictures import Crop, Lens, PictureOptions, stored_picture, stored_size
 from actorsnerf_preprocess.probes import Probe, judged_mask, probe_picture
-from actorsnerf_preprocess.source import Absent, RawPicture
+from actorsnerf_preprocess.source import Absent, FrameReader, RawPicture, SplitReader
 from actorsnerf_preprocess.workers import PictureTask, load_job, load_lens
 
 
@@ -20,6 +22,8 @@ class EncodeTask:
     crops: tuple[Crop, ...]
     judge: bool = False
     """Masks are seen for the first time now, and have to be judged."""
+    masks: tuple[bytes, ...] = ()
+    """Of each picture, from its probe; empty: they are read again."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
     pictures = task.pictures
     job = load_job(pictures.job)
     lens, _ = load_lens(pictures.job, pictures.camera)
-    raw = job.source.reader.read_many(pictures.camera, pictures.frames)
+    raw = _raw_pictures(job.source.reader, task)
     outcomes = []
     for frame, crop, found in zip(pictures.frames, task.crops, raw, strict=True):
         place = (pictures.camera, frame)
@@ -69,6 +73,21 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
         outcome = _encoded(found, lens, crop, job.options, place)
         outcomes.append(replace(outcome, inside=inside))
     return tuple(outcomes)
+
+
+def _raw_pictures(reader: FrameReader, task: EncodeTask) -> Iterator[RawPicture | Absent]:
+    """The pictures of a task with their masks, which need not be decoded a second time."""
+    pictures = task.pictures
+    if not (task.masks and all(task.masks) and isinstance(reader, SplitReader)):
+        yield from reader.read_many(pictures.camera, pictures.frames)
+        return
+    images = reader.read_images(pictures.camera, pictures.frames)
+    for found, packed in zip(images, task.masks, strict=True):
+        if isinstance(found, Absent):
+            yield found
+        else:
+            height, width, _ = found.image.shape
+            yield replace(found, mask=unpacked_mask(packed, (width, height)))
 
 
 def _encoded(

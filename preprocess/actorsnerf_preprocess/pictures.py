@@ -164,9 +164,11 @@ def _resized_window(raw: RawPicture, lens: Lens, inner: Crop, options: PictureOp
     else:
         # Stored pixels do not begin at source pixels: only the whole picture has the right phase.
         reach, window = Crop(0, 0, *size), Crop(0, 0, *lens.camera.size)
-    image = undistorted(lens, raw.image, window).astype(np.float32)
-    coverage = undistorted(lens, raw.mask, window).astype(np.float32) / np.float32(255.0)
-    premultiplied = np.asarray(cv2.multiply(image, cv2.merge([coverage] * 3)), np.float32)
+    colours, mask = (undistorted(lens, part, window) for part in (raw.image, raw.mask))
+    product = cv2.multiply(colours, cv2.merge([mask] * 3), scale=1 / 255, dtype=cv2.CV_32F)
+    premultiplied = np.asarray(product, np.float32)
+    coverage = mask.astype(np.float32) / np.float32(255.0)
+    image = colours.astype(np.float32)
     top, left = inner.y - reach.y, inner.x - reach.x
     rows, columns = slice(top, top + inner.height), slice(left, left + inner.width)
     premultiplied, coverage, image = (
@@ -191,17 +193,18 @@ def _resized(channels: Float32, options: PictureOptions) -> Float32:
 def _encoded(window: _Resized, options: PictureOptions) -> tuple[types.UInt8, types.UInt8]:
     """Straight colour and alpha in 8 bits whose composite is the resized composite."""
     alpha = _to_byte(window.coverage * np.float32(255.0))
-    person = alpha > 0
     # Divided by the alpha that is stored, not the exact one: then colour times alpha is off by
-    # half a level only, however small alpha is.
-    share = alpha[person].astype(np.float32)[:, None] / np.float32(255.0)
-    behind = np.float32(255.0 if options.published_background == "white" else 0.0)
-    missing = share - window.coverage[person][:, None]
-    colour = _to_byte(window.straight)
-    colour[person] = _to_byte((window.premultiplied[person] + behind * missing) / share)
+    # half a level only, however small alpha is. Where it is zero the quotient is not used.
+    share = np.maximum(alpha, 1).astype(np.float32) / np.float32(255.0)
+    mixed = window.premultiplied
+    if options.published_background == "white":
+        missing = np.float32(255.0) * (share - window.coverage)
+        mixed = mixed + cv2.merge([missing] * 3)
+    colour = _to_byte(np.asarray(cv2.divide(mixed, cv2.merge([share] * 3)), np.float32))
+    beside = _to_byte(window.straight)
     if not options.keep_background:
-        colour[~_within(person, options.rim)] = 0
-    return colour, alpha
+        beside = np.asarray(cv2.copyTo(beside, _within(alpha, options.rim)), np.uint8)
+    return np.asarray(cv2.copyTo(colour, alpha, beside), np.uint8), alpha
 
 
 def _intersection(a: Crop, b: Crop) -> Crop:
@@ -216,11 +219,12 @@ def _grown(crop: Crop, by: int, size: tuple[int, int]) -> Crop:
     return _intersection(grown, Crop(0, 0, *size))
 
 
-def _within(person: NDArray[np.bool_], rim: int) -> NDArray[np.bool_]:
+def _within(person: types.UInt8, rim: int) -> types.UInt8:
+    """Not zero on the person and `rim` pixels around."""
     if rim <= 0:
         return person
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
-    return np.asarray(cv2.dilate(person.astype(np.uint8), disc)) > 0
+    return np.asarray(cv2.dilate(person, disc), np.uint8)
 
 
 def _to_byte(values: Float32) -> types.UInt8:

@@ -26,13 +26,15 @@ from actorsnerf_preprocess.picture_tasks import (
     probe_pictures,
 )
 from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
-from actorsnerf_preprocess.probes import Probe, area_jumps, crop_size, placed_crop
+from actorsnerf_preprocess.probes import Probe, crop_size, placed_crop
 from actorsnerf_preprocess.resume import pictures_digest, settings_digest
 from actorsnerf_preprocess.run_report import (
     LIKELY_CAUSES,
-    CameraReport,
     Report,
+    Written,
     finished_settings,
+    probe_notes,
+    report_of,
     unusable_pictures,
     write_report,
 )
@@ -99,10 +101,12 @@ def prepare_sequence(
         outcomes: list[Outcome] = []
         write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
     seconds = time.perf_counter() - started
-    report = _report(source, probes, outcomes, _Result(path, settings, plan, seconds))
+    notes = plan.header.provenance.notes
+    written = Written(path, settings, plan.crop_size, notes, seconds)
+    report = report_of(source, probes, outcomes, written)
     if options.contact_sheet:
-        with SequenceFile(path) as written:
-            write_contact_sheet(written, out / f"{source.found.name}.png")
+        with SequenceFile(path) as sequence:
+            write_contact_sheet(sequence, out / f"{source.found.name}.png")
     write_report(report_path, report)
     return report
 
@@ -113,14 +117,6 @@ class _Plan:
 
     header: SequenceHeader
     crop_size: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Result:
-    path: Path
-    settings: str
-    plan: _Plan
-    seconds: float
 
 
 class _Passes:
@@ -154,6 +150,7 @@ class _Passes:
     ) -> Iterator[StoredPicture]:
         """The pictures to write; what became of each is appended to `outcomes`."""
         crops = {(p.camera, p.frame): placed_crop(p.box, plan.crop_size) for p in probes if p.box}
+        masks = {(p.camera, p.frame): p.packed for p in probes}
         unseen = {probe.camera for probe in probes if probe.box and np.isnan(probe.inside)}
         frames = [
             sorted(f for c, f in crops if c == camera)
@@ -164,6 +161,7 @@ class _Passes:
                 task,
                 tuple(crops[task.camera, frame] for frame in task.frames),
                 judge=task.camera in unseen,
+                masks=tuple(masks[task.camera, frame] for frame in task.frames),
             )
             for task in self._tasks(frames)
         ]
@@ -212,7 +210,7 @@ def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptio
             f"{source.found.path}: none of the {len(probes)} pictures asked for is usable: {first}:"
             f" {cause}"
         )
-    notes = [*source.notes, *_probe_notes(probes)]
+    notes = [*source.notes, *probe_notes(probes)]
     listed: list[Protocol] = []
     names = [camera.name for camera in source.cameras]
     pairs = usable_pairs(names, source.frames, usable)
@@ -265,53 +263,4 @@ def _header(
             notes=notes,
             source_digests=digests,
         ),
-    )
-
-
-def _probe_notes(probes: Sequence[Probe]) -> list[str]:
-    unusable = unusable_pictures((p.reason, p.where) for p in probes if p.box is None)
-    notes = [
-        f"{one.count} of {len(probes)} pictures are not stored: {one.reason}." for one in unusable
-    ]
-    jumps = area_jumps(probes)
-    if jumps:
-        first = ", ".join(probe.where for probe in jumps[:3])
-        notes.append(
-            f"{len(jumps)} masks differ much in area from those of the frames around: {first}."
-        )
-    stray = sum(probe.stray for probe in probes)
-    if stray:
-        notes.append(f"{stray} masks have parts away from the body that the crops leave out.")
-    return notes
-
-
-def _report(
-    source: SourceSequence, probes: Sequence[Probe], outcomes: Sequence[Outcome], result: _Result
-) -> Report:
-    lost = [(p.reason, p.where) for p in probes if p.box is None]
-    lost += [(o.reason, o.where) for o in outcomes if o.stored is None]
-    kept = [outcome for outcome in outcomes if outcome.stored is not None]
-    cameras = []
-    for index, camera in enumerate(source.cameras):
-        asked = [probe for probe in probes if probe.camera == index]
-        seen: list[Probe | Outcome] = [*asked, *(o for o in outcomes if o.camera == index)]
-        inside = [one.inside for one in seen if np.isfinite(one.inside)]
-        stored = sum(outcome.camera == index for outcome in kept)
-        mean = float(np.mean(inside)) if inside else None
-        cameras.append(CameraReport(camera.name, stored, len(asked), mean))
-    return Report(
-        sequence=source.found.name,
-        file=str(result.path),
-        settings=result.settings,
-        stored=len(kept),
-        asked=len(probes),
-        crop_size=result.plan.crop_size,
-        bytes=result.path.stat().st_size,
-        seconds=result.seconds,
-        cameras=tuple(cameras),
-        unusable=unusable_pictures(lost),
-        stray=sum(probe.stray for probe in probes),
-        touching=sum(outcome.touching for outcome in kept),
-        findings=source.findings,
-        notes=result.plan.header.provenance.notes,
     )

@@ -13,8 +13,15 @@ import numpy as np
 
 from actorsnerf_datasets.cameras import camera_from_world, distorted, project, project_distorted
 from actorsnerf_datasets.types import Camera, Float64, UInt8
+from actorsnerf_preprocess.packed_masks import packed_mask
 from actorsnerf_preprocess.pictures import Crop, Lens
-from actorsnerf_preprocess.source import Absent, MaskProbe, SourceCamera, SourceSequence
+from actorsnerf_preprocess.source import (
+    Absent,
+    MaskProbe,
+    SourceCamera,
+    SourceSequence,
+    SplitReader,
+)
 
 MARGIN = 2
 """Stored pixels between the person and the border of the crop."""
@@ -53,6 +60,8 @@ class Probe:
     stray: bool
     """Parts of the mask lie away from the body; what the crop does not reach is dropped."""
     digest: str
+    packed: bytes = b""
+    """The mask for the second pass (`packed_mask`); empty: it is read again."""
 
 
 def probe_picture(
@@ -80,7 +89,8 @@ def probe_picture(
     if reason or body is None:
         return Probe(camera, frame, None, reason, where, inside, area, False, found.digest)
     box, stray = _person_box(found, body, lens, stored)
-    return Probe(camera, frame, box, "", where, inside, area, stray, found.digest)
+    packed = packed_mask(found.mask) if isinstance(source.reader, SplitReader) else b""
+    return Probe(camera, frame, box, "", where, inside, area, stray, found.digest, packed)
 
 
 def judged_mask(

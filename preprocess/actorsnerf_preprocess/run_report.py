@@ -3,13 +3,15 @@
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from actorsnerf_preprocess.source import Finding, SourceError
+from actorsnerf_preprocess.picture_tasks import Outcome
+from actorsnerf_preprocess.probes import Probe, area_jumps
+from actorsnerf_preprocess.source import Finding, SourceError, SourceSequence
 
 LOW_INSIDE = 0.9
 """A camera whose projected bodies lie less inside their masks than this is worth a look."""
@@ -73,6 +75,17 @@ class Report:
     notice: str = CHECK_NOTICE
 
 
+@dataclass(frozen=True)
+class Written:
+    """A prepared file, as its report describes it."""
+
+    path: Path
+    settings: str
+    crop_size: tuple[int, int]
+    notes: tuple[str, ...]
+    seconds: float
+
+
 def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...]:
     """Counts of (reason, file), the most frequent first, each with its first file.
 
@@ -83,6 +96,64 @@ def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...
     counts = Counter(reason for reason, _ in listed)
     first = {reason: where for reason, where in reversed(listed)}
     return tuple(Unusable(r, n, first[r]) for r, n in counts.most_common())
+
+
+def probe_notes(probes: Sequence[Probe]) -> list[str]:
+    """What a prepared file says about the masks of its pictures."""
+    unusable = unusable_pictures((p.reason, p.where) for p in probes if p.box is None)
+    notes = [
+        f"{one.count} of {len(probes)} pictures are not stored: {one.reason}." for one in unusable
+    ]
+    jumps = area_jumps(probes)
+    if jumps:
+        first = ", ".join(probe.where for probe in jumps[:3])
+        notes.append(
+            f"{len(jumps)} masks differ much in area from those of the frames around: {first}."
+        )
+    stray = sum(probe.stray for probe in probes)
+    if stray:
+        notes.append(f"{stray} masks have parts away from the body that the crops leave out.")
+    return notes
+
+
+def report_of(
+    source: SourceSequence, probes: Sequence[Probe], outcomes: Sequence[Outcome], written: Written
+) -> Report:
+    """The report of a preparation.
+
+    Args:
+        source: what was prepared.
+        probes: of the first pass.
+        outcomes: of the second.
+        written: the file.
+    """
+    lost = [(p.reason, p.where) for p in probes if p.box is None]
+    lost += [(o.reason, o.where) for o in outcomes if o.stored is None]
+    kept = [outcome for outcome in outcomes if outcome.stored is not None]
+    cameras = []
+    for index, camera in enumerate(source.cameras):
+        asked = [probe for probe in probes if probe.camera == index]
+        seen: list[Probe | Outcome] = [*asked, *(o for o in outcomes if o.camera == index)]
+        inside = [one.inside for one in seen if np.isfinite(one.inside)]
+        stored = sum(outcome.camera == index for outcome in kept)
+        mean = float(np.mean(inside)) if inside else None
+        cameras.append(CameraReport(camera.name, stored, len(asked), mean))
+    return Report(
+        sequence=source.found.name,
+        file=str(written.path),
+        settings=written.settings,
+        stored=len(kept),
+        asked=len(probes),
+        crop_size=written.crop_size,
+        bytes=written.path.stat().st_size,
+        seconds=written.seconds,
+        cameras=tuple(cameras),
+        unusable=unusable_pictures(lost),
+        stray=sum(probe.stray for probe in probes),
+        touching=sum(outcome.touching for outcome in kept),
+        findings=source.findings,
+        notes=written.notes,
+    )
 
 
 def report_lines(report: Report) -> list[str]:

@@ -132,6 +132,16 @@ class FrameReader(Protocol):
         """One item per frame index (ascending), in order."""
 
 
+@runtime_checkable
+class SplitReader(FrameReader, Protocol):
+    """A reader whose masks are files of their own, so that they need to be decoded only once."""
+
+    def read_images(
+        self, camera_index: int, frame_indices: Sequence[int]
+    ) -> Iterator[RawPicture | Absent]:
+        """As `read_many` without masks, for pictures whose mask `probe` gave."""
+
+
 @dataclass(frozen=True)
 class SourceSequence:
     """All of a sequence but its pictures, and how to read those."""

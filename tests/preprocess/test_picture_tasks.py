@@ -74,3 +74,20 @@ def test_masks_that_were_made_on_the_way_are_judged(file: JobFile, source: Sourc
     assert good.stored is not None and good.inside > 0.9
     assert bad.stored is None and (bad.reason, bad.inside) == ("mask elsewhere", 0.0)
     assert all(np.isnan(one.inside) for one in encode_pictures(EncodeTask(task, crops)))
+
+
+def test_kept_masks_give_the_same_chunks_and_are_not_read_again(
+    file: JobFile, source: SourceSequence
+) -> None:
+    task = PictureTask(file, 0, (0, 1, 2))
+    probes = probe_pictures(task)
+    crops = (Crop(10, 8, 64, 72),) * 3
+    again = encode_pictures(EncodeTask(task, crops))
+    for frame in range(3):
+        source.reader.files(0, frame)[1].unlink()
+    kept = encode_pictures(EncodeTask(task, crops, masks=tuple(p.packed for p in probes)))
+    assert [outcome.stored for outcome in kept] == [outcome.stored for outcome in again]
+    assert all(outcome.stored is not None for outcome in kept)
+    source.reader.files(0, 1)[0].unlink()
+    lost = encode_pictures(EncodeTask(task, crops, masks=tuple(p.packed for p in probes)))
+    assert [outcome.reason for outcome in lost] == ["", "missing", ""]
