@@ -25,7 +25,7 @@ from actorsnerf_datasets.shapes import Form, misfits
 from actorsnerf_datasets.types import Picture, Protocol, SequenceHeader
 
 COMPRESSION_LEVEL = 4
-"""Of zlib, for pictures and posed vertices."""
+"""Of zlib, for pictures and posed vertices; chosen by `benchmarks/results/storage.md`."""
 
 _Array = NDArray[np.generic]
 
