@@ -93,7 +93,7 @@ def undistorted(lens: Lens, picture: types.UInt8, window: Crop) -> types.UInt8:
     columns = slice(window.x, window.x + window.width)
     if lens.maps is None:
         return picture[rows, columns]
-    column, fraction = (np.ascontiguousarray(part[rows, columns]) for part in lens.maps)
+    column, fraction = (part[rows, columns] for part in lens.maps)
     return np.asarray(cv2.remap(picture, column, fraction, cv2.INTER_LINEAR), np.uint8)
 
 
@@ -147,11 +147,12 @@ def stored_picture(
 
 @dataclass(frozen=True)
 class _Resized:
-    """A resized window, colours in levels (0 to 255), before rounding."""
+    """A resized window, colours in levels (0 to 255), the person's before rounding."""
 
     premultiplied: Float32
     coverage: Float32
-    straight: Float32
+    beside: types.UInt8
+    """(H, W, 3) what pixels without the person hold."""
 
 
 def _resized_window(raw: RawPicture, lens: Lens, inner: Crop, options: PictureOptions) -> _Resized:
@@ -168,13 +169,25 @@ def _resized_window(raw: RawPicture, lens: Lens, inner: Crop, options: PictureOp
     product = cv2.multiply(colours, cv2.merge([mask] * 3), scale=1 / 255, dtype=cv2.CV_32F)
     premultiplied = np.asarray(product, np.float32)
     coverage = mask.astype(np.float32) / np.float32(255.0)
-    image = colours.astype(np.float32)
     top, left = inner.y - reach.y, inner.x - reach.x
     rows, columns = slice(top, top + inner.height), slice(left, left + inner.width)
-    premultiplied, coverage, image = (
-        _resized(channels, options)[rows, columns] for channels in (premultiplied, coverage, image)
+    premultiplied, coverage = (
+        _resized(channels, options)[rows, columns] for channels in (premultiplied, coverage)
     )
-    return _Resized(premultiplied, coverage, image)
+    return _Resized(premultiplied, coverage, _beside(colours, options)[rows, columns])
+
+
+def _beside(colours: types.UInt8, options: PictureOptions) -> types.UInt8:
+    """The resized picture for pixels without the person: a rim that no composite shows.
+
+    So the cheapest good filter does there; a background that is kept gets the published one.
+    """
+    if options.keep_background or options.scale == 1.0:
+        return _to_byte(_resized(colours.astype(np.float32), options))
+    scale = options.scale
+    return np.asarray(
+        cv2.resize(colours, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def _resized(channels: Float32, options: PictureOptions) -> Float32:
@@ -201,7 +214,7 @@ def _encoded(window: _Resized, options: PictureOptions) -> tuple[types.UInt8, ty
         missing = np.float32(255.0) * (share - window.coverage)
         mixed = mixed + cv2.merge([missing] * 3)
     colour = _to_byte(np.asarray(cv2.divide(mixed, cv2.merge([share] * 3)), np.float32))
-    beside = _to_byte(window.straight)
+    beside = window.beside
     if not options.keep_background:
         beside = np.asarray(cv2.copyTo(beside, _within(alpha, options.rim)), np.uint8)
     return np.asarray(cv2.copyTo(colour, alpha, beside), np.uint8), alpha

@@ -158,9 +158,8 @@ def _body_box(world: Float64, stored: Camera) -> tuple[float, float, float, floa
     projection = project(world, stored.K, camera_from_world(stored.R, stored.T))
     if not projection.in_front.any():
         return None
-    pixels = projection.pixels[projection.in_front]
-    left, top = pixels.min(axis=0)
-    right, bottom = pixels.max(axis=0)
+    x, y = np.ascontiguousarray(projection.pixels[projection.in_front].T)
+    left, right, top, bottom = x.min(), x.max(), y.min(), y.max()
     width, height = stored.size
     if right < 0 or bottom < 0 or left > width - 1 or top > height - 1:
         return None
@@ -181,9 +180,10 @@ def _judged(found: MaskProbe, world: Float64, lens: Lens) -> tuple[float, str]:
         world, camera.K, camera_from_world(camera.R, camera.T), camera.distortion
     ).pixels
     height, width = found.mask.shape
+    x, y = np.ascontiguousarray(pixels.T)
     # NaN (behind the camera) compares false and counts as outside.
-    seen = np.all((pixels > -0.5) & (pixels < np.array([width, height]) - 0.5), axis=-1)
-    columns, rows = np.rint(pixels[seen]).astype(int).T
+    seen = (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
+    columns, rows = np.rint(x[seen]).astype(int), np.rint(y[seen]).astype(int)
     share = float(np.count_nonzero(found.mask[rows, columns])) / len(pixels)
     visible = float(np.count_nonzero(seen)) / len(pixels)
     return share, "mask elsewhere" if share < ELSEWHERE_SHARE * visible else ""
