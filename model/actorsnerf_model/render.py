@@ -13,6 +13,7 @@ from typing import Generic
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 from actorsnerf_model.footprint import footprint
 from actorsnerf_model.rays import (
@@ -27,6 +28,7 @@ from actorsnerf_model.states import (
     ActorState,
     Camera,
     Counts,
+    FieldValues,
     Located,
     Method,
     Occupancy,
@@ -202,7 +204,7 @@ def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Locate
     rgb, density = [], []
     for first in range(0, located.index.shape[0], options.chunk):
         part = _chosen(located, slice(first, first + options.chunk))
-        values = scene.method.field(scene.actor, scene.pose, part)
+        values = _field(scene, part, again=first >= options.kept)
         rgb.append(values.rgb.to(samples.depths.dtype))
         density.append(values.density.to(samples.depths.dtype))
     if not rgb:
@@ -211,6 +213,26 @@ def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Locate
     spacing = samples.spacing.reshape(-1)[located.index]
     thickness = optical_depth(torch.cat(density), spacing, likelihood)
     return _Survivors(located.index, torch.cat(rgb), thickness)
+
+
+def _field(scene: _Scene[ActorState], located: Located, again: bool) -> FieldValues:
+    """The field, computed a second time for its gradient if `again`."""
+    if not (again and torch.is_grad_enabled()):
+        return scene.method.field(scene.actor, scene.pose, located)
+
+    def values(canonical: Tensor, likelihood: Tensor) -> tuple[Tensor, Tensor]:
+        moved = Located(located.index, canonical, likelihood)
+        field = scene.method.field(scene.actor, scene.pose, moved)
+        return field.rgb, field.density
+
+    rgb, density = checkpoint(
+        values,
+        located.canonical,
+        located.likelihood,
+        use_reentrant=False,
+        preserve_rng_state=False,  # no field draws random numbers
+    )
+    return FieldValues(rgb, density)
 
 
 def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:

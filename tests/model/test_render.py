@@ -210,6 +210,24 @@ def test_training_gradients_are_the_references(
         assert (found - expected).norm() <= 1e-5 * expected.norm()
 
 
+def test_what_is_not_kept_for_the_gradient_is_computed_twice(scene64: "ToyScene") -> None:
+    gradients, asked = [], []
+    for kept in (0, 150, 100_000):
+        options = dataclasses.replace(OPTIONS, samples=24, chunk=100, kept=kept)
+        actor = scene64.method.actor_state((), 0.0)
+        before = scene64.method.asked
+        seen = render_pixels(scene64.method, actor, scene64.pose, all_rays(scene64), options, None)
+        loss = (seen.rgb**2).sum() + seen.alpha.sum()
+        gradients.append(torch.autograd.grad(loss, list(scene64.method.parameters())))
+        asked.append((scene64.method.asked - before) / seen.counts.survivors)
+    assert asked[0] == 2
+    assert 1 < asked[1] < 2
+    assert asked[2] == 1
+    for some in gradients[:2]:
+        for found, expected in zip(some, gradients[2], strict=True):
+            assert (found - expected).norm() <= 1e-12 * expected.norm()
+
+
 def test_half_precision_networks_do_not_spoil_the_geometry(scene: "ToyScene") -> None:
     exact = fast(scene, all_rays(scene))
     with torch.autocast("cpu", dtype=torch.bfloat16):
