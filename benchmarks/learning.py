@@ -1,6 +1,6 @@
 """Does it learn? Category training, then few-shot fitting of unseen actors, against from scratch.
 
-    python benchmarks/learning.py --root data/study --pretrain-steps 4000 --steps 1000
+    python benchmarks/learning.py --root data/study --pretrain-steps 2000 --steps 500
 
 Draws synthetic actors (8 for category training, 2 held out), prepares them, trains, evaluates in
 unseen poses from unseen cameras and writes `benchmarks/results/learning.{md,json,png}`. What exists
@@ -43,13 +43,13 @@ class Fitting:
 
 FITTINGS = tuple(
     Fitting(actor, setting, scratch)
-    for actor in ACTORS
     for setting, scratch in (
         ("fewshot-5", True),
         ("fewshot-5", False),
         ("fewshot-30", False),
         ("fewshot-30", True),
     )
+    for actor in ACTORS
 )
 
 
@@ -57,8 +57,8 @@ def main() -> int:
     """Exit status 0 when the study is complete."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--root", type=Path, default=Path("data/study"))
-    parser.add_argument("--pretrain-steps", type=int, default=4000)
-    parser.add_argument("--steps", type=int, default=1000, help="of each few-shot fitting")
+    parser.add_argument("--pretrain-steps", type=int, default=2000)
+    parser.add_argument("--steps", type=int, default=500, help="of each few-shot fitting")
     parser.add_argument("--category", type=Path, help="checkpoint to begin from, else the last")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--frames", type=int, default=8, help="evaluation frames")
