@@ -70,6 +70,16 @@ def test_wrong_entries_are_named(key: str, value: object, sentence: str) -> None
         from_json(Outer, wrong, "file")
 
 
+def test_a_field_younger_than_the_file_takes_its_default() -> None:
+    config = pretraining("tiny")
+    record = to_json(config)
+    assert isinstance(record, dict) and isinstance(record["render"], dict)
+    older = {k: v for k, v in record["render"].items() if k != "kept"}
+    assert from_json(TrainConfig, record | {"render": older}, "file") == config
+    with pytest.raises(RecordError, match="file has no preset"):
+        from_json(TrainConfig, {k: v for k, v in record.items() if k != "preset"}, "file")
+
+
 def test_what_json_cannot_hold_is_refused() -> None:
     with pytest.raises(TypeError, match="object has no JSON form"):
         to_json({"a": object()})

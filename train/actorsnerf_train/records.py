@@ -44,7 +44,10 @@ def to_json_object(value: object) -> dict[str, Json]:
 
 
 def from_json(kind: type[Record], value: Json | Mapping[str, Json], where: str) -> Record:
-    """The dataclass that a JSON object describes; no key may be missing or left over.
+    """The dataclass that a JSON object describes; no key may be left over.
+
+    A key that is missing takes its default: it came after the file was written, and its default is
+    what the program did then. Without a default it is an error.
 
     Args:
         kind: the dataclass.
@@ -91,12 +94,19 @@ def _restored_dataclass(kind: type, value: Json, where: str) -> object:
         raise RecordError(f"{where} is {value!r}, expected an object ({kind.__name__})")
     hints = typing.get_type_hints(kind)
     names = {f.name for f in dataclasses.fields(kind)}
-    unknown, missing = sorted(set(value) - names), sorted(names - set(value))
+    needed = {f.name for f in dataclasses.fields(kind) if not _has_default(f)}
+    unknown, missing = sorted(set(value) - names), sorted(needed - set(value))
     if unknown or missing:
         parts = [f"has no {', '.join(missing)}"] if missing else []
         parts += [f"has an unknown {', '.join(unknown)}"] if unknown else []
         raise RecordError(f"{where} {' and '.join(parts)}: written by another version?")
-    return kind(**{name: _restored(hints[name], value[name], f"{where}/{name}") for name in names})
+    known = names & set(value)
+    return kind(**{name: _restored(hints[name], value[name], f"{where}/{name}") for name in known})
+
+
+def _has_default(field: dataclasses.Field[Any]) -> bool:
+    missing = dataclasses.MISSING
+    return field.default is not missing or field.default_factory is not missing
 
 
 def _restored_union(kinds: tuple[Any, ...], value: Json, where: str) -> object:
