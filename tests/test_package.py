@@ -28,8 +28,8 @@ def test_each_module_has_a_mirrored_test(path: Path) -> None:
     if path.stem in NO_TEST_OF_THEIR_OWN:
         return
     name = "main" if path.stem == "__main__" else path.stem
-    part = path.relative_to(ROOT).parts[0]
-    assert (ROOT / "tests" / part / f"test_{name}.py").is_file()
+    part, _, *folders = path.relative_to(ROOT).parent.parts
+    assert (ROOT / "tests").joinpath(part, *folders, f"test_{name}.py").is_file()
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: path.stem)

@@ -1,1 +1,1 @@
-"""Placeholder."""
+"""ActorsNeRF and its renderer in plain torch: read `actorsnerf` and `render` first."""

@@ -1,1 +1,1 @@
-"""Placeholder."""
+"""From raw data sets to prepared files: read `source` and `prepare` first."""

@@ -32,7 +32,7 @@ from actorsnerf_train.methods import build_method
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
 from actorsnerf_train.run_folder import RunFolder
-from actorsnerf_train.stability_bench import Bench, make_bench
+from actorsnerf_train.stability.bench import Bench, make_bench
 
 CROP_SIZE = (48, 64)
 FRAMES = 20

@@ -1,6 +1,7 @@
 import pytest
 
 from actorsnerf_train.config import PresetName, Rates, fewshot, from_scratch, pretraining
+from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import count, open_bands
 
 PRESETS: tuple[PresetName, ...] = ("official", "small", "small-vgg", "tiny")
@@ -27,8 +28,9 @@ def test_presets_differ_in_sizes_not_in_the_method(preset: PresetName) -> None:
     assert pre.model == few.model
     assert (pre.stage, few.stage) == ("pretrain", "fewshot")
     assert (pre.freeze_category, few.freeze_category) == (False, True)
-    assert pre.losses == pretraining("official").losses
-    assert few.losses == fewshot("official").losses
+    squared_error = 3.0 if preset.startswith("small") else 0.2
+    assert pre.losses == LossWeights(1.0, squared_error, 0.01)
+    assert few.losses == LossWeights(1.0, squared_error, 0.0)
     octaves = pre.model.deformation_net.octaves
     assert open_bands(pre.schedule, 0, octaves) == 0
     assert open_bands(pre.schedule, pre.schedule.steps // 2, octaves) == octaves
@@ -39,4 +41,4 @@ def test_from_scratch_everything_learns_from_count_zero() -> None:
     config = from_scratch(fewshot("small"))
     assert config.schedule.steps == fewshot("small").schedule.steps
     assert (config.schedule.first_count, config.freeze_category) == (0, False)
-    assert config.losses.skinning == 0.01
+    assert config.losses == pretraining("small").losses

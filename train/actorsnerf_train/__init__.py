@@ -1,1 +1,1 @@
-"""Placeholder."""
+"""Trainings, evaluation and pictures: read `loop` first."""

@@ -15,7 +15,7 @@ from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
-from actorsnerf_train.stability import StabilityOptions, UnstableError, run_stability
+from actorsnerf_train.stability.command import StabilityOptions, UnstableError, run_stability
 
 DESCRIPTION = """Train, evaluate and animate people from prepared files.
 

@@ -13,7 +13,7 @@ from actorsnerf_datasets.skeleton import BONES
 from actorsnerf_datasets.torch_dataset import Sample, View
 from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.projection import project
-from actorsnerf_train.hard_poses import dance_poses
+from actorsnerf_train.stability.hard_poses import dance_poses
 
 BALL = 0.06
 """Radius of a ball, metres."""

@@ -9,8 +9,8 @@ from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.machine import Machine
 from actorsnerf_train.records import to_json
 from actorsnerf_train.result import Json
-from actorsnerf_train.round_trips import ONE_BONE_BOUND, RegionError
-from actorsnerf_train.stability_case import PRECISIONS, Result, Row
+from actorsnerf_train.stability.case import PRECISIONS, Result, Row
+from actorsnerf_train.stability.round_trips import ONE_BONE_BOUND, RegionError
 
 SCHEMA = "actorsnerf-stability"
 MARKDOWN_NAME = "stability.md"

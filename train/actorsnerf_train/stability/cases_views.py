@@ -10,9 +10,9 @@ from torch import Tensor
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.pixel_features import SupportCameras, read_features
 from actorsnerf_model.states import Located
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
-from actorsnerf_train.stability_cases_pictures import scene
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.cases_pictures import scene
+from actorsnerf_train.stability.hard_poses import named_poses
 
 FIELD = Bounds(1e-9, 1e-3, 0.1)
 """Colour in [0, 1], and the opacity of `STEP`."""

@@ -10,8 +10,8 @@ from actorsnerf_datasets import rotations as exact_rotations
 from actorsnerf_datasets.skeleton import joint_transforms
 from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.rotations import matrix_from_axis_angle
-from actorsnerf_train.hard_poses import named_poses, wound_up
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.hard_poses import named_poses, wound_up
 
 ANGLES = {
     "0": 0.0,

@@ -8,8 +8,8 @@ from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_
 from actorsnerf_model.skinning import SkinningVolume, backward_warp
 from actorsnerf_model.skinning_bounds import locate
 from actorsnerf_model.states import Occupancy
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.hard_poses import named_poses
 
 NONE = Bounds(0.0, 0.0, 0.0)
 UNSURE = 1e-4

@@ -2,10 +2,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_train import stability_cases_light
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_light import light_cases
+from actorsnerf_train.stability import cases_light
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_light import light_cases
 
 
 def test_all_within_their_bounds(bench: Bench) -> None:
@@ -20,7 +20,7 @@ def test_an_optical_depth_that_overflows_is_found_out(
     def careless(density: Tensor, spacing: Tensor, likelihood: Tensor | None) -> Tensor:
         return -torch.log(torch.exp(-density * spacing))
 
-    monkeypatch.setattr(stability_cases_light, "optical_depth", careless)
+    monkeypatch.setattr(cases_light, "optical_depth", careless)
     rows = [judged(case, bench.subjects) for case in light_cases() if "soft" not in case.name]
     assert not any(row.passed for row in rows if "1e+06" in row.name)
     assert all(row.passed for row in rows if row.name == "density 1")

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_train.stability_bench import Bench, make_bench, view_as
+from actorsnerf_train.stability.bench import Bench, make_bench, view_as
 
 if TYPE_CHECKING:
     from tests.train.conftest import People

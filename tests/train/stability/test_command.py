@@ -4,12 +4,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from actorsnerf_train import stability
 from actorsnerf_train.__main__ import main
-from actorsnerf_train.stability import StabilityOptions, UnstableError, hard_cases, run_stability
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import Case
-from actorsnerf_train.stability_cases_light import light_cases
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import Case
+from actorsnerf_train.stability.cases_light import light_cases
+from actorsnerf_train.stability.command import (
+    StabilityOptions,
+    UnstableError,
+    hard_cases,
+    run_stability,
+)
 
 if TYPE_CHECKING:
     from tests.train.conftest import People

@@ -2,10 +2,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_train import stability_cases_views
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_views import view_cases
+from actorsnerf_train.stability import cases_views
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_views import view_cases
 
 FEW = (
     "all looking away",
@@ -30,7 +30,7 @@ def test_reading_behind_the_camera_is_found_out(
         views, count = points.shape[:2]
         return points.sum() * 0 + points.new_ones(count, views, 1)
 
-    monkeypatch.setattr(stability_cases_views, "read_features", mirrored)
+    monkeypatch.setattr(cases_views, "read_features", mirrored)
     cases = {case.name: case for case in view_cases(bench.subjects[0])}
     assert not judged(cases["behind every camera"], bench.subjects).passed
 

@@ -12,7 +12,7 @@ from actorsnerf_model.render import render_pixels
 from actorsnerf_train.batches import at_pixels, camera_of, on_background
 from actorsnerf_train.losses import LossWeights, Perceptual, training_losses
 from actorsnerf_train.methods import know_actor, step_state
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
 
 LOSS = Bounds(0.0, 1e-3, 0.1)
 SIDE = 16

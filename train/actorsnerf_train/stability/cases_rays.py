@@ -8,7 +8,7 @@ from actorsnerf_model.projection import project
 from actorsnerf_model.rays import Rays, intersect_box, rays_through, sample_depths, spacings
 from actorsnerf_model.states import Camera
 from actorsnerf_train.invented_actor import camera_around
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
 
 SPAN = Bounds(1e-12, 2e-5, 2e-5)
 """Metres of depth, rays of a few metres."""

@@ -9,20 +9,20 @@ from tqdm import tqdm
 from actorsnerf_train.config import PresetName
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.machine import program_commit, this_machine
-from actorsnerf_train.round_trips import one_bone_volume, round_trips
-from actorsnerf_train.stability_bench import Bench, make_bench
-from actorsnerf_train.stability_case import Case, Row, judged
-from actorsnerf_train.stability_cases_cull import cull_cases
-from actorsnerf_train.stability_cases_input import input_cases
-from actorsnerf_train.stability_cases_light import light_cases
-from actorsnerf_train.stability_cases_motion import motion_cases
-from actorsnerf_train.stability_cases_pictures import picture_cases
-from actorsnerf_train.stability_cases_rays import ray_cases
-from actorsnerf_train.stability_cases_skinning import skinning_cases
-from actorsnerf_train.stability_cases_training import training_cases
-from actorsnerf_train.stability_cases_views import view_cases
-from actorsnerf_train.stability_long import LONG_STEPS, long_row, not_run
-from actorsnerf_train.stability_table import StabilityReport, summary, write_report
+from actorsnerf_train.stability.bench import Bench, make_bench
+from actorsnerf_train.stability.case import Case, Row, judged
+from actorsnerf_train.stability.cases_cull import cull_cases
+from actorsnerf_train.stability.cases_input import input_cases
+from actorsnerf_train.stability.cases_light import light_cases
+from actorsnerf_train.stability.cases_motion import motion_cases
+from actorsnerf_train.stability.cases_pictures import picture_cases
+from actorsnerf_train.stability.cases_rays import ray_cases
+from actorsnerf_train.stability.cases_skinning import skinning_cases
+from actorsnerf_train.stability.cases_training import training_cases
+from actorsnerf_train.stability.cases_views import view_cases
+from actorsnerf_train.stability.long import LONG_STEPS, long_row, not_run
+from actorsnerf_train.stability.round_trips import one_bone_volume, round_trips
+from actorsnerf_train.stability.table import StabilityReport, summary, write_report
 
 ONE_BONE_SHARE = 10
 """The one-bone volume is tried on every so many-th of the poses."""

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from actorsnerf_model.volume_rendering import FULL, composite, optical_depth
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
 
 DENSITIES = (0.0, 1e-30, 1e-8, 1e-3, 1.0, 30.0, 1e3, 1e6, 1e30)
 """1/metre."""

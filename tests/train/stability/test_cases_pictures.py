@@ -6,11 +6,11 @@ import torch
 from actorsnerf_model.rays import intersect_box
 from actorsnerf_model.render import render_pixels
 from actorsnerf_model.states import Rendering
-from actorsnerf_train import stability_cases_pictures
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_pictures import picture_cases, scene, sure_rays
+from actorsnerf_train.stability import cases_pictures
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_pictures import picture_cases, scene, sure_rays
+from actorsnerf_train.stability.hard_poses import named_poses
 
 FEW = (
     "hands clasped",
@@ -42,7 +42,7 @@ def test_a_renderer_that_drops_light_is_found_out(
         seen: Rendering = render_pixels(*arguments)  # type: ignore[arg-type]  # passed on as they came
         return replace(seen, rgb=0.99 * seen.rgb, alpha=0.99 * seen.alpha)
 
-    monkeypatch.setattr(stability_cases_pictures, "render_pixels", careless)
+    monkeypatch.setattr(cases_pictures, "render_pixels", careless)
     cases = {case.name: case for case in picture_cases(bench.subjects[0])}
     assert not judged(cases["hands clasped"], bench.subjects[:2]).passed
 
@@ -51,7 +51,7 @@ def test_rays_at_the_threshold_are_not_compared(bench: Bench) -> None:
     """A threshold that some sample has exactly makes its ray unsure, and hardly another."""
     subject = bench.subjects[0]
     state, _ = scene(subject, named_poses()["T-pose"])
-    rays = stability_cases_pictures._grid(stability_cases_pictures._before(subject, state, 0.0))
+    rays = cases_pictures._grid(cases_pictures._before(subject, state, 0.0))
     assert bool(sure_rays(subject, state, rays).any())
     span = intersect_box(rays, state.bounds)
     ray = int(span.hit.nonzero()[len(span.hit.nonzero()) // 2])

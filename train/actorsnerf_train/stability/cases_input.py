@@ -18,9 +18,9 @@ from actorsnerf_datasets.types import (
     Provenance,
     SequenceHeader,
 )
-from actorsnerf_train.hard_poses import dance_poses
 from actorsnerf_train.invented_actor import camera_around, invented_actor
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.hard_poses import dance_poses
 
 FAR = (1e4, 1e6)
 """Metres from the world's origin."""

@@ -18,8 +18,8 @@ from actorsnerf_model.skinning import (
 )
 from actorsnerf_model.skinning_bounds import locate, skinning_bounds
 from actorsnerf_model.skinning_prior import bone_prior, log_prior
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.hard_poses import named_poses
 
 WARP = Bounds(1e-12, 1e-5, 1e-5, gradient=1e-3)
 """Metres, of a point that passes the foreground test: at likelihood 0.01 rounding counts a hundred

@@ -3,10 +3,10 @@ import torch
 
 from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.skinning import backward_warp, forward_warp
-from actorsnerf_train import round_trips as module
-from actorsnerf_train.hard_poses import dance_poses
-from actorsnerf_train.round_trips import ONE_BONE_BOUND, one_bone_volume, round_trips
-from actorsnerf_train.stability_bench import Bench
+from actorsnerf_train.stability import round_trips as module
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.hard_poses import dance_poses
+from actorsnerf_train.stability.round_trips import ONE_BONE_BOUND, one_bone_volume, round_trips
 
 
 def test_where_one_bone_acts_the_warps_are_inverses(bench: Bench) -> None:

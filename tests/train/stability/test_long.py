@@ -6,7 +6,7 @@ import torch
 
 from actorsnerf_train.config import Patches, TrainConfig
 from actorsnerf_train.health import HealthLimits
-from actorsnerf_train.stability_long import long_row, not_run
+from actorsnerf_train.stability.long import long_row, not_run
 
 CPU = torch.device("cpu")
 

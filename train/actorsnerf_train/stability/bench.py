@@ -17,12 +17,12 @@ from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_train.batches import view_to
 from actorsnerf_train.checkpoint import Checkpoint, load_checkpoint
 from actorsnerf_train.config import PresetName, TrainConfig, pretraining
-from actorsnerf_train.hard_poses import dance_poses, fastest
 from actorsnerf_train.invented_actor import invented_views
 from actorsnerf_train.methods import build_method
 from actorsnerf_train.records import from_json
 from actorsnerf_train.saving import load_model
-from actorsnerf_train.stability_case import PRECISIONS, Precision, Subject
+from actorsnerf_train.stability.case import PRECISIONS, Precision, Subject
+from actorsnerf_train.stability.hard_poses import dance_poses, fastest
 
 FASTEST = 3
 """How many of the fastest frames are tried."""

@@ -4,8 +4,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject, judged, largest_error
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject, judged, largest_error
 
 BOUNDS = Bounds(1e-12, 1e-6, 1e-3)
 THIRD = 1 / 3

@@ -11,9 +11,9 @@ from actorsnerf_model.rays import Rays, intersect_box, rays_through, sample_dept
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.render import render, render_pixels
 from actorsnerf_model.states import Camera, FieldValues, Located, PoseState, Rendering
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_case import Answer, Bounds, Case, Subject
-from actorsnerf_train.stability_cases_rays import looking
+from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
+from actorsnerf_train.stability.cases_rays import looking
+from actorsnerf_train.stability.hard_poses import named_poses
 
 CameraOf = Callable[[Float[Tensor, "2 3"]], Camera]
 """From the bounds of a posed body, float64."""

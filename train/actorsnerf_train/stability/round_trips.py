@@ -24,7 +24,7 @@ from actorsnerf_model.skinning import (
     nodes_from_canonical,
 )
 from actorsnerf_model.skinning_prior import grid_nodes
-from actorsnerf_train.hard_poses import dance_poses
+from actorsnerf_train.stability.hard_poses import dance_poses
 
 REGIONS = {
     "trunk": ("pelvis", "spine", "collar"),

@@ -3,10 +3,10 @@ import torch
 
 from actorsnerf_model.projection import project
 from actorsnerf_model.rays import Rays, Span
-from actorsnerf_train import stability_cases_rays
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_rays import looking, ray_cases
+from actorsnerf_train.stability import cases_rays
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_rays import looking, ray_cases
 
 
 def test_all_within_their_bounds(bench: Bench) -> None:
@@ -25,7 +25,7 @@ def test_slabs_without_care_are_found_out(bench: Bench, monkeypatch: pytest.Monk
         near, far = low.minimum(high).amax(-1), low.maximum(high).amin(-1)
         return Span(near, far, far > near)
 
-    monkeypatch.setattr(stability_cases_rays, "intersect_box", careless)
+    monkeypatch.setattr(cases_rays, "intersect_box", careless)
     rows = {row.name: row for row in (judged(case, bench.subjects) for case in ray_cases())}
     assert not rows["in a face"].passed
     assert not rows["box behind the camera"].passed

@@ -5,10 +5,10 @@ import torch
 
 from actorsnerf_model.skinning_bounds import locate
 from actorsnerf_model.states import Located
-from actorsnerf_train import stability_cases_cull
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_cull import cull_cases
+from actorsnerf_train.stability import cases_cull
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_cull import cull_cases
 
 FEW = ("T-pose", "arms through the chest", "collapsed: every joint at pi", "fastest frame 1")
 
@@ -29,7 +29,7 @@ def test_a_test_that_drops_one_point_in_a_hundred_is_found_out(
         keep = torch.arange(len(located.index)) % 100 != 0
         return Located(located.index[keep], located.canonical[keep], located.likelihood[keep])
 
-    monkeypatch.setattr(stability_cases_cull, "locate", careless)
+    monkeypatch.setattr(cases_cull, "locate", careless)
     case = next(case for case in cull_cases(bench.subjects[0]) if case.group == "threshold")
     assert not judged(case, bench.subjects[:1]).passed
 

@@ -3,7 +3,13 @@ import math
 import torch
 
 from actorsnerf_model.rotations import matrix_from_axis_angle
-from actorsnerf_train.hard_poses import SPREAD, dance_poses, fastest, named_poses, wound_up
+from actorsnerf_train.stability.hard_poses import (
+    SPREAD,
+    dance_poses,
+    fastest,
+    named_poses,
+    wound_up,
+)
 
 
 def test_the_root_stands_still() -> None:

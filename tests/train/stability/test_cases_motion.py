@@ -2,10 +2,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_train import stability_cases_motion
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_motion import ANGLES, motion_cases
+from actorsnerf_train.stability import cases_motion
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_motion import ANGLES, motion_cases
 
 
 def test_every_angle_and_every_pose_is_within_its_bounds(bench: Bench) -> None:
@@ -28,7 +28,7 @@ def test_the_released_formula_is_found_out(bench: Bench, monkeypatch: pytest.Mon
         turned: Tensor = angle.sin() * cross + (1 - angle.cos()) * cross @ cross
         return torch.eye(3).to(cross) + turned
 
-    monkeypatch.setattr(stability_cases_motion, "matrix_from_axis_angle", released)
+    monkeypatch.setattr(cases_motion, "matrix_from_axis_angle", released)
     rows = {
         (case.name, case.measured): judged(case, bench.subjects)
         for case in motion_cases(bench.subjects[0])

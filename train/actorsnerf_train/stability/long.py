@@ -15,7 +15,7 @@ from actorsnerf_train.loop import Training, train
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.methods import build_method
 from actorsnerf_train.run_folder import RunFolder
-from actorsnerf_train.stability_case import Result, Row
+from actorsnerf_train.stability.case import Result, Row
 
 LONG_STEPS = 2000
 SIZE = (80, 96)

@@ -5,11 +5,11 @@ import torch
 from torch import Tensor
 
 from actorsnerf_model.skinning import SkinningVolume, backward_warp
-from actorsnerf_train import stability_cases_skinning
-from actorsnerf_train.hard_poses import named_poses
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_skinning import pose_points, skinning_cases, slow_warp
+from actorsnerf_train.stability import cases_skinning
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_skinning import pose_points, skinning_cases, slow_warp
+from actorsnerf_train.stability.hard_poses import named_poses
 
 
 def test_all_within_their_bounds(bench: Bench) -> None:
@@ -48,7 +48,7 @@ def test_a_warp_that_divides_by_nothing_is_found_out(
         canonical, likelihood = backward_warp(points, volume, canonical_from_body)
         return canonical * likelihood.clamp(min=1e-4)[:, None] / likelihood[:, None], likelihood
 
-    monkeypatch.setattr(stability_cases_skinning, "backward_warp", careless)
+    monkeypatch.setattr(cases_skinning, "backward_warp", careless)
     cases = {case.name: case for case in skinning_cases(bench.subjects[0])}
     row = judged(cases["rows of zeros"], bench.subjects)
     assert not row.passed

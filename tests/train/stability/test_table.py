@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from actorsnerf_train.machine import Machine
-from actorsnerf_train.round_trips import RegionError
-from actorsnerf_train.stability_case import Result, Row
-from actorsnerf_train.stability_long import not_run
-from actorsnerf_train.stability_table import (
+from actorsnerf_train.stability.case import Result, Row
+from actorsnerf_train.stability.long import not_run
+from actorsnerf_train.stability.round_trips import RegionError
+from actorsnerf_train.stability.table import (
     JSON_NAME,
     StabilityReport,
     markdown,

@@ -1,6 +1,6 @@
-from actorsnerf_train.stability_bench import Bench
-from actorsnerf_train.stability_case import judged
-from actorsnerf_train.stability_cases_training import training_cases
+from actorsnerf_train.stability.bench import Bench
+from actorsnerf_train.stability.case import judged
+from actorsnerf_train.stability.cases_training import training_cases
 
 FEW = ("no valid ray", "rays, but no survivor", "empty target mask")
 

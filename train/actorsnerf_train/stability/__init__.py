@@ -1,0 +1,1 @@
+"""Hard cases: what they are, how they are tried at three precisions, and their table."""
