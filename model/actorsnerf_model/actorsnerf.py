@@ -250,6 +250,38 @@ class ActorsNeRF(nn.Module):
             rgb, density = self.radiance(normal, pixels, body)
         return FieldValues(rgb, density)
 
+    def tied_field(
+        self,
+        actor: ActorsNeRFState,
+        category: Float[Tensor, "points 3"],
+        instance: Float[Tensor, "points 3"],
+    ) -> FieldValues:
+        """Colour and density of instance points whose category points are given, metres.
+
+        The field of any pose whose offsets lead from the one to the other.
+        """
+        low, high = actor.body.geometry.box
+        pixels = self._pixel_features(actor, category)[0]
+        with torch.autocast(instance.device.type, enabled=False):
+            body = query(actor.levels, instance) if actor.levels else None
+        with self._networks(instance):
+            rgb, density = self.radiance((instance - low) * (2 / (high - low)) - 1, pixels, body)
+        return FieldValues(rgb, density)
+
+    def deformation_input(
+        self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]
+    ) -> Float[Tensor, "points given"] | None:
+        """What the deformation network reads of category points (metres) besides the pose.
+
+        None where points are not deformed.
+        """
+        if self.deformation is None or not self._deforms(actor.window):
+            return None
+        low, high = actor.body.geometry.box
+        codes = self._pixel_features(actor, points)[1]
+        normal = (points - low) * (2 / (high - low)) - 1
+        return self.deformation.point_input(normal, actor.window, codes)
+
     def _pixel_features(
         self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]
     ) -> tuple[Tensor | None, Tensor | None]:

@@ -79,11 +79,7 @@ class Deformation(nn.Module):
             codes: pixel features already through `pixel_code.weight`, without its bias: that is
                 what lets the linear layer run on the feature map, before interpolation.
         """
-        parts = [annealed_fourier_features(points, self.octaves, opened)]
-        if self.pixel_code is not None:
-            assert codes is not None
-            parts.append((codes + self.pixel_code.bias).flatten(1))
-        given = torch.cat(parts, dim=1)
+        given = self.point_input(points, opened, codes)
         numbers = pose[1:].reshape(POSE_NUMBERS)
         hidden = given[:, :0]
         for i, layer in enumerate(self.hidden):
@@ -97,3 +93,16 @@ class Deformation(nn.Module):
             hidden = F.relu(F.linear(hidden, weight, bias))
         offsets: Tensor = self.offset(hidden)
         return offsets
+
+    def point_input(
+        self,
+        points: Float[Tensor, "points 3"],
+        opened: float,
+        codes: Float[Tensor, "points views code"] | None,
+    ) -> Float[Tensor, "points given"]:
+        """What the layers read of points besides the pose; arguments as in `forward`."""
+        parts = [annealed_fourier_features(points, self.octaves, opened)]
+        if self.pixel_code is not None:
+            assert codes is not None
+            parts.append((codes + self.pixel_code.bias).flatten(1))
+        return torch.cat(parts, dim=1)
