@@ -31,7 +31,7 @@ def test_centimetres_are_told_by_their_units(what: str) -> None:
 def test_a_check_that_accepts_centimetres_is_found_out(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("actorsnerf_train.cases_input.camera_findings", lambda _: [])
+    monkeypatch.setattr("actorsnerf_train.stability.cases_input.camera_findings", lambda _: [])
     rows = {row.name: row for row in (judged(case, bench.subjects) for case in input_cases())}
     assert not rows["centimetres as metres: cameras"].passed
     assert rows["centimetres as metres: the body"].passed

@@ -46,7 +46,7 @@ def test_every_named_case_is_there(bench: Bench) -> None:
 def test_the_table_of_a_checkpoint_lies_in_its_folder(
     fewshot_run: Path, people: "People", monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(stability, "hard_cases", two_cases)
+    monkeypatch.setattr(command, "hard_cases", two_cases)
     told = run_stability(StabilityOptions(fewshot_run, people.eve, poses=3))
     assert told[0] == "3 hard cases, 0 out of bounds"
     text = (fewshot_run / "stability" / "stability.md").read_text()
@@ -55,7 +55,7 @@ def test_the_table_of_a_checkpoint_lies_in_its_folder(
 
 
 def test_a_failure_still_writes_the_table(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(stability, "hard_cases", a_failure)
+    monkeypatch.setattr(command, "hard_cases", a_failure)
     with pytest.raises(UnstableError, match="failed: compositing"):
         run_stability(StabilityOptions(out=tmp_path, preset="tiny", poses=3))
     assert "**fails**" in (tmp_path / "stability.md").read_text()
@@ -64,12 +64,12 @@ def test_a_failure_still_writes_the_table(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_exit_statuses(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["stability", "--preset", "tiny", "--poses", "3", "--out", str(tmp_path)]
-    monkeypatch.setattr(stability, "hard_cases", a_failure)
-    assert main(command) == 1
+    words = ["stability", "--preset", "tiny", "--poses", "3", "--out", str(tmp_path)]
+    monkeypatch.setattr(command, "hard_cases", a_failure)
+    assert main(words) == 1
     assert "failed: compositing" in capsys.readouterr().out
-    monkeypatch.setattr(stability, "hard_cases", two_cases)
-    assert main(command) == 0
+    monkeypatch.setattr(command, "hard_cases", two_cases)
+    assert main(words) == 0
     assert f"table: {tmp_path / 'stability.md'}" in capsys.readouterr().out
-    assert main([*command, "--run", str(tmp_path / "none")]) == 2
+    assert main([*words, "--run", str(tmp_path / "none")]) == 2
     assert capsys.readouterr().err.startswith("error: ")
