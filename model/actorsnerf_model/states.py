@@ -112,8 +112,8 @@ class RenderOptions:
     """Stop a ray once less light than this passes; 0 = never (exact)."""
     chunk: int = 16384
     """Points through the networks at once."""
-    kept: int = 65536
-    """Points of which a training step keeps what its gradient needs, about 39 kB a point at the
+    kept: int = 49152
+    """Points of which a training step keeps what its gradient needs, about 28 kB a point at the
     official sizes; for the others it is computed a second time (same values, less memory)."""
 
 
