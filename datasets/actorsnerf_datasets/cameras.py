@@ -88,9 +88,10 @@ def distorted(rays: Float64, distortion: Float64) -> Float64:
     x, y = rays[..., 0], rays[..., 1]
     square = x * x + y * y
     radial = 1 + square * (k1 + square * (k2 + square * k3))
-    out_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
-    out_y = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([out_x, out_y], axis=-1)
+    moved = np.empty_like(rays)  # in the memory order of `rays`: two rows of numbers stay two rows
+    moved[..., 0] = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+    moved[..., 1] = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+    return moved
 
 
 def scaled_intrinsics(K: Float64, scale: float | tuple[float, float]) -> Float64:

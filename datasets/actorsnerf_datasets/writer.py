@@ -42,6 +42,9 @@ class StoredPicture:
     alpha_chunk: bytes
     valid: bool = True
     """False: stored, but its fit or mask is not usable."""
+    content: tuple[bytes, bytes] | None = None
+    """What the two chunks hold, if it is at hand: spares the writer, which digests it, unpacking
+    them."""
 
 
 def encode_picture(picture: Picture) -> tuple[bytes, bytes]:
@@ -175,11 +178,11 @@ def _write_pictures(
         row[place] = len(offsets)
         valid[place] = picture.valid
         offsets.append(picture.offset)
-        for name, chunk in (
-            ("pictures/rgb", picture.rgb_chunk),
-            ("pictures/alpha", picture.alpha_chunk),
-        ):
-            digests[name].update(_append_chunk(path, datasets[name], chunk))
+        chunks = (picture.rgb_chunk, picture.alpha_chunk)
+        contents = picture.content or tuple(map(zlib.decompress, chunks))
+        for name, chunk, content in zip(forms, chunks, contents, strict=True):
+            _append_chunk(path, datasets[name], chunk, len(content))
+            digests[name].update(content)
         target.require_written()
     for name, dataset in datasets.items():
         dataset.attrs[DIGEST_ATTRIBUTE] = digests[name].hexdigest()
@@ -202,11 +205,10 @@ def _growing(file: h5py.File, name: str, shape: tuple[int, ...]) -> h5py.Dataset
     return dataset
 
 
-def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> bytes:
-    """The picture's bytes, once its chunk is written."""
+def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes, found: int) -> None:
+    """Writes the chunk of a picture of `found` bytes."""
     count, *shape = dataset.shape
-    raw = zlib.decompress(chunk)
-    found, expected = len(raw), int(np.prod(shape))
+    expected = int(np.prod(shape))
     if found != expected:
         raise LayoutError(
             f"{path}: {dataset.name}: a picture of {found} bytes, expected "
@@ -214,7 +216,6 @@ def _append_chunk(path: Path, dataset: h5py.Dataset, chunk: bytes) -> bytes:
         )
     dataset.resize(count + 1, axis=0)
     dataset.id.write_direct_chunk((count, *(0 for _ in shape)), chunk)
-    return raw
 
 
 def _write_protocol(file: h5py.File, protocol: Protocol) -> None:

@@ -63,7 +63,7 @@ class ImageReader:
         digest = hashlib.sha256()
         for content in contents:
             digest.update(content)
-        mask = self._mask(camera_index, frame_index, contents)
+        mask = self._mask(camera_index, paths, contents)
         return mask if isinstance(mask, Absent) else MaskProbe(mask, digest.hexdigest())
 
     def read_many(
@@ -77,7 +77,7 @@ class ImageReader:
                 yield contents
                 continue
             picture = self._picture(camera_index, paths[0], contents[0])
-            mask = self._mask(camera_index, frame_index, contents)
+            mask = self._mask(camera_index, paths, contents)
             if isinstance(picture, Absent):
                 yield picture
             elif isinstance(mask, Absent):
@@ -107,9 +107,8 @@ class ImageReader:
         return RawPicture(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), None)
 
     def _mask(
-        self, camera_index: int, frame_index: int, contents: list[bytes]
+        self, camera_index: int, paths: Sequence[Path], contents: list[bytes]
     ) -> UInt8 | Absent | None:
-        paths = self.files(camera_index, frame_index)
         size = self._sizes[camera_index]
         union: UInt8 | None = None
         for path, content in zip(paths[1:], contents[1:], strict=True):
@@ -121,7 +120,7 @@ class ImageReader:
                 if found[0] * size[1] != found[1] * size[0]:
                     return Absent(str(path), f"mask of {_by(found)} for a picture of {_by(size)}")
                 mask = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-            union = mask if union is None else np.maximum(union, mask)
+            union = mask if union is None else np.asarray(cv2.max(union, mask), np.uint8)
         return union
 
 
@@ -137,7 +136,7 @@ def person_mask(content: bytes) -> UInt8 | None:
     if mask.ndim == 3:
         mask = mask[..., :3].max(axis=2)
     threshold = JPEG_MASK_THRESHOLD if content[:2] == b"\xff\xd8" else 0
-    return (mask > threshold).astype(np.uint8) * np.uint8(255)
+    return np.asarray(cv2.compare(mask, threshold, cv2.CMP_GT), np.uint8)
 
 
 def picture_size(path: Path) -> tuple[int, int] | None:

@@ -8,7 +8,7 @@ import numpy as np
 from actorsnerf_datasets.types import Picture
 from actorsnerf_datasets.writer import StoredPicture, encode_picture
 from actorsnerf_preprocess.packed_masks import unpacked_mask
-from actorsnerf_preprocess.pictures import Crop, Lens, PictureOptions, stored_picture, stored_size
+from actorsnerf_preprocess.pictures import Crop, stored_picture, stored_size
 from actorsnerf_preprocess.probes import Probe, judged_mask, probe_picture
 from actorsnerf_preprocess.source import Absent, FrameReader, RawPicture, SplitReader
 from actorsnerf_preprocess.workers import PictureTask, load_job, load_lens
@@ -24,6 +24,8 @@ class EncodeTask:
     """Masks are seen for the first time now, and have to be judged."""
     masks: tuple[bytes, ...] = ()
     """Of each picture, from its probe; empty: they are read again."""
+    with_content: bool = False
+    """Outcomes hold the pictures uncompressed too: for a writer near enough to want them."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,10 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
         if reason:
             outcomes.append(Outcome(*place, None, reason, where, False, inside))
             continue
-        outcome = _encoded(found, lens, crop, job.options, place)
-        outcomes.append(replace(outcome, inside=inside))
+        picture = stored_picture(found, lens, crop, job.options)
+        stored = _encoded(picture, place, task.with_content)
+        touching = _touches(picture, crop, stored_size(lens.camera.size, job.options.scale))
+        outcomes.append(Outcome(*place, stored, "", "", touching, inside))
     return tuple(outcomes)
 
 
@@ -90,14 +94,9 @@ def _raw_pictures(reader: FrameReader, task: EncodeTask) -> Iterator[RawPicture 
             yield replace(found, mask=unpacked_mask(packed, (width, height)))
 
 
-def _encoded(
-    raw: RawPicture, lens: Lens, crop: Crop, options: PictureOptions, place: tuple[int, int]
-) -> Outcome:
-    picture = stored_picture(raw, lens, crop, options)
-    rgb_chunk, alpha_chunk = encode_picture(picture)
-    stored = StoredPicture(*place, picture.offset, rgb_chunk, alpha_chunk)
-    touching = _touches(picture, crop, stored_size(lens.camera.size, options.scale))
-    return Outcome(*place, stored, "", "", touching)
+def _encoded(picture: Picture, place: tuple[int, int], with_content: bool) -> StoredPicture:
+    content = (picture.rgb.tobytes(), picture.alpha.tobytes()) if with_content else None
+    return StoredPicture(*place, picture.offset, *encode_picture(picture), content=content)
 
 
 def _touches(picture: Picture, crop: Crop, size: tuple[int, int]) -> bool:

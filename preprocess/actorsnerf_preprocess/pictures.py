@@ -32,8 +32,9 @@ FILTERS = {
     "linear": cv2.INTER_LINEAR,
     "area": cv2.INTER_AREA,
 }
-FILTER_REACH = 8
-"""Stored pixels beyond the crop that are resized too, so that its border is exact."""
+FILTER_REACH = 2
+"""Stored pixels around a window that are resized too, so that its border is exact: Lanczos looks
+at 4 source pixels to each side, which are at most 2 stored ones at the scales 1/2, 1/3, ..."""
 
 
 @dataclass(frozen=True)
@@ -137,11 +138,10 @@ def stored_picture(
     rgb = np.zeros((crop.height, crop.width, 3), np.uint8)
     alpha = np.zeros((crop.height, crop.width), np.uint8)
     if inner.width and inner.height:
+        inner, resized = _resized_window(raw, lens, inner, options)
         left, top = inner.x - crop.x, inner.y - crop.y
         rows, columns = slice(top, top + inner.height), slice(left, left + inner.width)
-        rgb[rows, columns], alpha[rows, columns] = _encoded(
-            _resized_window(raw, lens, inner, options), options
-        )
+        rgb[rows, columns], alpha[rows, columns] = _encoded(resized, options)
     return types.Picture(rgb, alpha, (crop.x, crop.y))
 
 
@@ -155,17 +155,23 @@ class _Resized:
     """(H, W, 3) what pixels without the person hold."""
 
 
-def _resized_window(raw: RawPicture, lens: Lens, inner: Crop, options: PictureOptions) -> _Resized:
+def _resized_window(
+    raw: RawPicture, lens: Lens, inner: Crop, options: PictureOptions
+) -> tuple[Crop, _Resized]:
+    """The part of a window that can hold anything, stored pixels, and what it holds."""
     assert raw.mask is not None, "a picture without a mask is not stored"
     size = stored_size(lens.camera.size, options.scale)
-    step = round(1.0 / options.scale)
-    if step * options.scale == 1.0 and not any(length % step for length in lens.camera.size):
+    step = _step(lens.camera.size, options.scale)
+    reach = _grown(inner, FILTER_REACH, size) if step else Crop(0, 0, *size)
+    window = _in_source(reach, step) if step else Crop(0, 0, *lens.camera.size)
+    mask = undistorted(lens, raw.mask, window)
+    if step and not options.keep_background:
+        inner = _intersection(inner, _with_rim(mask, reach, step, options.rim))
         reach = _grown(inner, FILTER_REACH, size)
-        window = Crop(reach.x * step, reach.y * step, reach.width * step, reach.height * step)
-    else:
-        # Stored pixels do not begin at source pixels: only the whole picture has the right phase.
-        reach, window = Crop(0, 0, *size), Crop(0, 0, *lens.camera.size)
-    colours, mask = (undistorted(lens, part, window) for part in (raw.image, raw.mask))
+        left, top = window.x, window.y
+        window = _in_source(reach, step)
+        mask = mask[window.y - top :, window.x - left :][: window.height, : window.width]
+    colours = undistorted(lens, raw.image, window)
     product = cv2.multiply(colours, cv2.merge([mask] * 3), scale=1 / 255, dtype=cv2.CV_32F)
     premultiplied = np.asarray(product, np.float32)
     coverage = mask.astype(np.float32) / np.float32(255.0)
@@ -174,7 +180,38 @@ def _resized_window(raw: RawPicture, lens: Lens, inner: Crop, options: PictureOp
     premultiplied, coverage = (
         _resized(channels, options)[rows, columns] for channels in (premultiplied, coverage)
     )
-    return _Resized(premultiplied, coverage, _beside(colours, options)[rows, columns])
+    return inner, _Resized(premultiplied, coverage, _beside(colours, options)[rows, columns])
+
+
+def _step(size: tuple[int, int], scale: float) -> int:
+    """Source pixels per stored one; 0 if stored pixels do not begin at source pixels.
+
+    Then only the whole picture, resized, has the right phase.
+    """
+    step = round(1.0 / scale)
+    return step if step * scale == 1.0 and not any(length % step for length in size) else 0
+
+
+def _in_source(window: Crop, step: int) -> Crop:
+    return Crop(window.x * step, window.y * step, window.width * step, window.height * step)
+
+
+def _with_rim(mask: types.UInt8, window: Crop, step: int, rim: int) -> Crop:
+    """Where a stored picture is not zero: the person, softened by the filter, and the rim.
+
+    Args:
+        mask: source pixels of the window.
+        window: stored pixels, as is the result.
+        step: source pixels per stored one.
+        rim: stored pixels around the person whose colour is kept.
+    """
+    x, y, width, height = cv2.boundingRect(mask)
+    if not width:
+        return window
+    by = FILTER_REACH + rim
+    left, top = x // step - by, y // step - by
+    right, bottom = (x + width - 1) // step + 1 + by, (y + height - 1) // step + 1 + by
+    return Crop(window.x + left, window.y + top, right - left, bottom - top)
 
 
 def _beside(colours: types.UInt8, options: PictureOptions) -> types.UInt8:

@@ -7,7 +7,7 @@ only writes the chunks. Neither order nor bytes depend on the number of workers.
 
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -132,6 +132,8 @@ class _Passes:
         self._source = source
         self._file = file
         self._executor = executor
+        # Unpacking costs more than passing on to a process of this machine, but not to another's.
+        self._near = executor is None or isinstance(executor, ProcessPoolExecutor)
         self._ahead = TASKS_AHEAD * max(options.workers, 1)
         self._progress = options.progress
 
@@ -162,6 +164,7 @@ class _Passes:
                 tuple(crops[task.camera, frame] for frame in task.frames),
                 judge=task.camera in unseen,
                 masks=tuple(masks[task.camera, frame] for frame in task.frames),
+                with_content=self._near,
             )
             for task in self._tasks(frames)
         ]

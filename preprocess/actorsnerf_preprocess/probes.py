@@ -10,8 +10,9 @@ from math import ceil
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from actorsnerf_datasets.cameras import camera_from_world, distorted, project, project_distorted
+from actorsnerf_datasets.cameras import camera_from_world, distorted
 from actorsnerf_datasets.types import Camera, Float64, UInt8
 from actorsnerf_preprocess.packed_masks import packed_mask
 from actorsnerf_preprocess.pictures import Crop, Lens
@@ -80,10 +81,10 @@ def probe_picture(
     if isinstance(found, Absent):
         return Probe(camera, frame, None, found.reason, found.where, np.nan, np.nan, False, "")
     where = str(source.reader.files(camera, frame)[0])
-    world = _world_vertices(source, frame)
-    body = _body_box(world, stored)
-    inside, reason = _judged(found, world, lens)
-    area = np.nan if found.mask is None else np.count_nonzero(found.mask) / found.mask.size
+    rays = _body_rays(source, lens.camera, frame)
+    body = _body_box(rays, stored)
+    inside, reason = _judged(found.mask, rays, lens.camera)
+    area = np.nan if found.mask is None else cv2.countNonZero(found.mask) / found.mask.size
     if body is None:
         reason = "body outside the picture"
     if reason or body is None:
@@ -104,7 +105,7 @@ def judged_mask(
         frame: index in `source.frames`.
         mask: (H, W) source pixels; None gives NaN.
     """
-    return _judged(MaskProbe(mask, ""), _world_vertices(source, frame), lens)
+    return _judged(mask, _body_rays(source, lens.camera, frame), lens.camera)
 
 
 def crop_size(boxes: Iterable[Crop]) -> tuple[int, int]:
@@ -146,46 +147,53 @@ def _rounded_up(length: int) -> int:
     return max(SMALLEST_SIZE, SIZE_STEP * steps)
 
 
-def _world_vertices(source: SourceSequence, frame: int) -> Float64:
-    matrix = source.fits.world_from_body[frame]
+def _body_rays(source: SourceSequence, camera: SourceCamera, frame: int) -> Float64:
+    """(V, 2) x/z, y/z of the posed vertices without the lens; NaN where not in front.
+
+    In memory all x come before all y: the passes over them that follow are several times as fast.
+    """
+    camera_from_body = camera_from_world(camera.R, camera.T) @ source.fits.world_from_body[frame]
     vertices = source.fits.posed_vertices[frame].astype(np.float64)
-    world: Float64 = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return world
+    x, y, depth = camera_from_body[:3, :3] @ vertices.T + camera_from_body[:3, 3:]
+    depth[depth <= 0] = np.nan
+    rays: Float64 = np.stack([x / depth, y / depth]).T
+    return rays
 
 
-def _body_box(world: Float64, stored: Camera) -> tuple[float, float, float, float] | None:
+def _pixels(rays: Float64, K: Float64) -> Float64:
+    """(2, N) all x, then all y."""
+    pixels: Float64 = K[:2, :2] @ rays.T + K[:2, 2:]
+    return pixels
+
+
+def _body_box(rays: Float64, stored: Camera) -> tuple[float, float, float, float] | None:
     """Left, top, right, bottom of the projected body; None if no part of it is in the picture."""
-    projection = project(world, stored.K, camera_from_world(stored.R, stored.T))
-    if not projection.in_front.any():
-        return None
-    x, y = np.ascontiguousarray(projection.pixels[projection.in_front].T)
-    left, right, top, bottom = x.min(), x.max(), y.min(), y.max()
+    x, y = _pixels(rays, stored.K)
+    left, right = float(np.fmin.reduce(x)), float(np.fmax.reduce(x))
+    top, bottom = float(np.fmin.reduce(y)), float(np.fmax.reduce(y))
     width, height = stored.size
-    if right < 0 or bottom < 0 or left > width - 1 or top > height - 1:
-        return None
-    return float(left), float(top), float(right), float(bottom)
+    # NaN (all of it behind the camera) compares false.
+    if right >= 0 and bottom >= 0 and left <= width - 1 and top <= height - 1:
+        return left, top, right, bottom
+    return None
 
 
-def _judged(found: MaskProbe, world: Float64, lens: Lens) -> tuple[float, str]:
+def _judged(mask: UInt8 | None, rays: Float64, camera: SourceCamera) -> tuple[float, str]:
     """The share of vertices inside the mask, and why the mask is unusable, or nothing."""
-    if found.mask is None:
+    if mask is None:
         return np.nan, ""
-    covered = float(np.count_nonzero(found.mask)) / found.mask.size
+    covered = cv2.countNonZero(mask) / mask.size
     if covered == 0:
         return 0.0, "empty mask"
     if covered > FULL_SHARE:
         return 1.0, "full mask"
-    camera = lens.camera
-    pixels = project_distorted(
-        world, camera.K, camera_from_world(camera.R, camera.T), camera.distortion
-    ).pixels
-    height, width = found.mask.shape
-    x, y = np.ascontiguousarray(pixels.T)
+    height, width = mask.shape
+    x, y = _pixels(distorted(rays, camera.distortion), camera.K)
     # NaN (behind the camera) compares false and counts as outside.
     seen = (x > -0.5) & (y > -0.5) & (x < width - 0.5) & (y < height - 0.5)
     columns, rows = np.rint(x[seen]).astype(int), np.rint(y[seen]).astype(int)
-    share = float(np.count_nonzero(found.mask[rows, columns])) / len(pixels)
-    visible = float(np.count_nonzero(seen)) / len(pixels)
+    share = float(np.count_nonzero(mask[rows, columns])) / len(x)
+    visible = float(np.count_nonzero(seen)) / len(x)
     return share, "mask elsewhere" if share < ELSEWHERE_SHARE * visible else ""
 
 
@@ -217,20 +225,24 @@ def _person_box(
 
 def _outlines(mask: UInt8, lens: Lens, stored: Camera) -> list[Float64]:
     """The outer contours of a mask, undistorted, in stored pixels."""
+    x, y, width, height = cv2.boundingRect(mask)
     contours, _ = cv2.findContours(
-        (mask > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        mask[y : y + height, x : x + width],
+        cv2.RETR_EXTERNAL,
+        cv2.CHAIN_APPROX_NONE,
+        offset=(x, y),
     )
     if not contours:
         return []
-    pixels = np.concatenate(contours).reshape(-1, 2).astype(np.float64)
-    pixels = _rays(pixels, lens.camera) @ stored.K[:2, :2].T + stored.K[:2, 2]
+    pixels = np.concatenate(contours).reshape(-1, 2)
+    pixels = _pixels(_rays(pixels, lens.camera), stored.K).T
     return np.split(pixels, np.cumsum([len(contour) for contour in contours])[:-1])
 
 
-def _rays(pixels: Float64, camera: SourceCamera) -> Float64:
+def _rays(pixels: NDArray[np.int32], camera: SourceCamera) -> Float64:
     """x/z, y/z of distorted pixels (N, 2), by fixed-point iteration."""
-    inverse = np.linalg.inv(camera.K[:2, :2]).astype(np.float64)
-    target: Float64 = (pixels - camera.K[:2, 2]) @ inverse.T
+    inverse = np.linalg.inv(camera.K[:2, :2])
+    target: Float64 = (inverse @ (pixels.T - camera.K[:2, 2:])).T
     rays = target
     for _ in range(UNDISTORTION_STEPS if np.any(camera.distortion) else 0):
         rays = rays + (target - distorted(rays, camera.distortion))

@@ -55,6 +55,21 @@ def test_the_same_input_gives_the_same_bytes(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.h5", "other.h5"]
 
 
+def test_contents_at_hand_give_the_same_bytes(
+    header: SequenceHeader, stored_pictures: Pictures, tmp_path: Path
+) -> None:
+    def with_content() -> Iterator[StoredPicture]:
+        for stored in stored_pictures():
+            chunks = (stored.rgb_chunk, stored.alpha_chunk)
+            rgb, alpha = map(zlib.decompress, chunks)
+            yield dataclasses.replace(stored, content=(rgb, alpha))
+
+    one, other = tmp_path / "one.h5", tmp_path / "other.h5"
+    write_sequence(one, header, SIZE, stored_pictures())
+    write_sequence(other, header, SIZE, with_content())
+    assert one.read_bytes() == other.read_bytes()
+
+
 def test_any_hdf5_reader_decodes_the_pictures(
     sequence_path: Path, picture_of: Callable[[int, int], Picture]
 ) -> None:

@@ -22,3 +22,15 @@ def test_soft_masks_and_none_are_not_packed(rng: np.random.Generator) -> None:
     soft[3, 4] = 254
     assert packed_mask(soft) == b""
     assert packed_mask(rng.integers(0, 256, (16, 16), dtype=np.uint8)) == b""
+
+
+def test_an_empty_mask_comes_back() -> None:
+    mask = np.zeros((9, 5), np.uint8)
+    assert np.array_equal(unpacked_mask(packed_mask(mask), (5, 9)), mask)
+
+
+@pytest.mark.parametrize("pixel", [(0, 0), (8, 4), (0, 4), (3, 2)])
+def test_a_single_pixel_comes_back(pixel: tuple[int, int]) -> None:
+    mask = np.zeros((9, 5), np.uint8)
+    mask[pixel] = 255
+    assert np.array_equal(unpacked_mask(packed_mask(mask), (5, 9)), mask)

@@ -43,6 +43,14 @@ def test_chunks_hold_the_stored_picture(file: JobFile, source: SourceSequence) -
     rgb = np.frombuffer(zlib.decompress(outcome.stored.rgb_chunk), np.uint8)
     assert np.array_equal(rgb.reshape(72, 64, 3), expected.rgb)
     assert outcome.stored.offset == (10, 8)
+    assert outcome.stored.content is None
+
+
+def test_contents_are_what_the_chunks_hold(file: JobFile) -> None:
+    task = EncodeTask(PictureTask(file, 0, (1,)), (Crop(10, 8, 64, 72),), with_content=True)
+    stored = encode_pictures(task)[0].stored
+    assert stored is not None and stored.content is not None
+    assert stored.content == tuple(map(zlib.decompress, (stored.rgb_chunk, stored.alpha_chunk)))
 
 
 def test_a_silhouette_cut_by_its_crop_is_reported(file: JobFile) -> None:

@@ -189,3 +189,26 @@ def test_a_dot_in_the_raw_picture_is_found_where_the_stored_camera_projects_it()
     found = [(weights * axis).sum() / weights.sum() for axis in np.mgrid[:100, :120][::-1]]
     expected = project(point, stored_camera(source, 0.5).K, np.eye(4)).pixels[0]
     assert np.allclose(found, expected, atol=0.1)
+
+
+@pytest.mark.parametrize("place", [(0, 0), (120, 100), (239, 199), (30, 190), (300, 300)])
+@pytest.mark.parametrize(("rim", "scale"), [(0, 0.5), (4, 0.5), (3, 0.25), (2, 1.0), (4, 0.4)])
+def test_only_the_person_is_computed_and_nothing_of_it_is_lost(
+    place: tuple[int, int], rim: int, scale: float, rng: np.random.Generator
+) -> None:
+    """Its slow twin keeps the background, and so computes everything."""
+    source, mask = camera(), np.zeros((200, 240), np.uint8)
+    cv2.circle(mask, place, 13, 255, -1)
+    raw = RawPicture(rng.integers(1, 256, (200, 240, 3), dtype=np.uint8), mask)
+    crop = Crop(3, -5, stored_size(source.size, scale)[0], 90)
+    lens = lens_of(source)
+    found = stored_picture(raw, lens, crop, PictureOptions(scale, rim=rim))
+    whole = stored_picture(raw, lens, crop, PictureOptions(scale, keep_background=True))
+    person = whole.alpha > 0
+    assert np.array_equal(found.alpha, whole.alpha)
+    assert np.array_equal(found.rgb[person], whole.rgb[person])
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1))
+    near = cv2.dilate(person.astype(np.uint8), disc) > 0
+    assert not found.rgb[~near].any()
+    beside = near & (whole.rgb > 40).any(axis=-1)
+    assert found.rgb[beside].any(axis=-1).all()
