@@ -11,7 +11,7 @@ BODY_MODEL ?=
 DEMO ?= data/demo
 SOURCE ?=
 
-.PHONY: help setup prepare inspect pretrain fewshot evaluate render stability demo test test-all check format lint types wheel bench clean
+.PHONY: help setup prepare inspect pretrain fewshot evaluate render stability report demo test test-all check format lint types wheel bench clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -39,6 +39,9 @@ render: setup  ## a turntable of a fitted actor: RUN=
 
 stability: setup  ## hard cases on a checkpoint, or on an invented actor: [RUN= STABILITY=]
 	@$(PY) -m actorsnerf_train stability $(if $(RUN),--run "$(RUN)") --out "$(or $(STABILITY),data/stability)"
+
+report: setup  ## speed against error of the operating points: CHECKPOINT= DATA=FILE [REPORT=]
+	@$(PY) -m actorsnerf_train report $(CHECKPOINT) --data $(DATA) --out "$(or $(REPORT),data/report)"
 
 demo: setup  ## everything, on synthetic actors (or SOURCE=): pictures in data/demo
 	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")

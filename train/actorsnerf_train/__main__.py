@@ -1,4 +1,4 @@
-"""The command line: pretrain, fewshot, evaluate, render, stability."""
+"""The command line: pretrain, fewshot, evaluate, render, stability, report."""
 
 import inspect
 import os
@@ -15,6 +15,7 @@ from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
+from actorsnerf_train.report.command import ReportOptions, run_report
 from actorsnerf_train.stability.command import StabilityOptions, UnstableError, run_stability
 
 DESCRIPTION = """Train, evaluate and animate people from prepared files.
@@ -24,6 +25,7 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   evaluate   measure the fitted actor in unseen poses and views
   render     turntables, new poses, meshes; needs no data file
   stability  try hard cases on any checkpoint; a table of errors and verdicts
+  report     what each named saving gains in time and costs in error, measured
 
 Prepared files come from: python -m actorsnerf_preprocess prepare --help
 Several GPUs: torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
@@ -49,6 +51,7 @@ Options = (
     | Annotated[EvaluateOptions, tyro.conf.subcommand("evaluate")]
     | Annotated[AnimateOptions, tyro.conf.subcommand("render")]
     | Annotated[StabilityOptions, tyro.conf.subcommand("stability")]
+    | Annotated[ReportOptions, tyro.conf.subcommand("report")]
 )
 
 
@@ -83,7 +86,12 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(
     options: (
-        PretrainOptions | FewshotOptions | EvaluateOptions | AnimateOptions | StabilityOptions
+        PretrainOptions
+        | FewshotOptions
+        | EvaluateOptions
+        | AnimateOptions
+        | StabilityOptions
+        | ReportOptions
     ),
 ) -> tuple[str, ...]:
     """What to tell when the command is done."""
@@ -110,6 +118,8 @@ def _run(
             return tuple(map(str, run_render(options)))
         case StabilityOptions():
             return run_stability(options)
+        case ReportOptions():
+            return run_report(options)
 
 
 if __name__ == "__main__":

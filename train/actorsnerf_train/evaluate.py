@@ -113,7 +113,7 @@ def evaluate(
             with_samples(trained.config.render, options.samples),
             stop_transmittance=options.stop_transmittance,
         ),
-        _lpips(options.lpips, trained.device),
+        published_lpips(options.lpips, trained.device),
     )
     shown = set(_spread(range(len(plan.pairs)), options.strip)) if options.strip else set()
     images: list[ImageRow] = []
@@ -254,7 +254,7 @@ def _mean_seconds(images: Sequence[ImageRow]) -> float:
     return sum(by_picture.values()) / len(by_picture)
 
 
-def _lpips(files: LpipsFiles, device: torch.device) -> Lpips | None:
+def published_lpips(files: LpipsFiles, device: torch.device) -> Lpips | None:
     """The published distance of pictures in [0, 1], or None without weights."""
     network = load_lpips(files)
     if network is None:

@@ -1,0 +1,81 @@
+import torch
+
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_train.report.frames import Frame
+from actorsnerf_train.report.measure import (
+    CHUNKS,
+    Contestant,
+    Effort,
+    Measured,
+    draw,
+    field_flops,
+    gemm_rate,
+    shared_pixels,
+)
+
+
+def test_every_contestant_drew_every_frame(
+    measured: tuple[Measured, ...], frames: tuple[Frame, ...]
+) -> None:
+    names = [one.contestant.name for one in measured]
+    assert names == ["reference", "complete", "exact", "half-samples", "bfloat16"]
+    for one in measured:
+        assert len(one.drawn) == len(frames)
+        assert 0 < one.times.low <= one.times.median <= one.times.high
+        assert one.flops > 0 and one.limit > 0 and one.of_limit > 0
+    by_name = dict(zip(names, measured, strict=True))
+    assert by_name["reference"].contestant.actor.config.render.chunk in CHUNKS
+    # 12 samples a ray, every one through the networks; the cull drops nearly all.
+    assert by_name["reference"].survivors == by_name["reference"].samples
+    assert by_name["reference"].samples == 12 * by_name["reference"].rays
+    assert by_name["exact"].survivors <= by_name["complete"].survivors
+    assert by_name["complete"].survivors < by_name["reference"].survivors / 4
+    assert by_name["half-samples"].samples < by_name["exact"].samples
+
+
+def test_work_of_a_share_is_scaled_to_the_frame(
+    contestants: list[Contestant], frames: tuple[Frame, ...], measured: tuple[Measured, ...]
+) -> None:
+    effort = Effort(1, 0.25, 0)
+    drawn = draw(contestants[0], frames[0], effort)
+    assert drawn.pixels is not None
+    box = int(frames[0].box.sum())
+    assert drawn.pixels.shape[0] == round(0.25 * box)
+    assert drawn.rendering.counts.samples < 12 * box / 3
+    # Whole and share agree where both drew.
+    whole = measured[0].drawn[0]
+    assert whole.pixels is not None and whole.pixels.shape[0] == box
+    assert abs(measured[0].drawn[0].rendering.counts.rays - box) <= 0.01 * box
+
+
+def test_shares_lie_in_the_box_and_follow_the_seed(frames: tuple[Frame, ...]) -> None:
+    pixels = shared_pixels(frames[0], Effort(1, 0.1, 3))
+    assert bool(frames[0].box[pixels[:, 1], pixels[:, 0]].all())
+    assert torch.equal(pixels, shared_pixels(frames[0], Effort(1, 0.1, 3)))
+    assert not torch.equal(pixels, shared_pixels(frames[0], Effort(1, 0.1, 4)))
+    assert len(pixels.unique(dim=0)) == len(pixels)
+
+
+def test_flops_are_those_of_the_networks(
+    contestants: list[Contestant], frames: tuple[Frame, ...]
+) -> None:
+    method = contestants[1].actor.method
+    assert isinstance(method, ActorsNeRF)
+    radiance = method.radiance
+    width, code, position = radiance.config.width, radiance.config.code, 3 * 9
+    views = method.config.views
+    products = 2 * width * code * (1 + views)  # first layers of both branches, body and views
+    products += radiance.body.weight.numel() if radiance.body is not None else 0
+    products += width * (width + position) + 2 * width * width + width  # density
+    products += position * width + views * width * width + 2 * width * width + 3 * width
+    assert method.deformation is not None
+    hidden = method.deformation.hidden
+    products += sum(layer.weight.numel() for layer in hidden)  # type: ignore[misc]  # Linear
+    products -= 2 * 69 * hidden[0].weight.shape[0]  # type: ignore[operator, union-attr]  # pose: once
+    products += method.deformation.offset.weight.numel()
+    found = field_flops(contestants[1], frames[0])
+    assert 2 * products <= found <= 1.05 * 2 * products  # and a little geometry
+
+
+def test_the_machines_rate_is_a_number() -> None:
+    assert gemm_rate("float32", torch.device("cpu")) > 1e6

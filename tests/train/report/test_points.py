@@ -1,0 +1,58 @@
+import pytest
+import torch
+
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.states import RenderOptions
+from actorsnerf_train.report.points import POINTS, at_point, named_point, options_at
+from actorsnerf_train.trained import TrainedActor
+
+
+def test_names_are_unique_and_enough() -> None:
+    names = [point.name for point in POINTS]
+    assert len(set(names)) == len(names)
+    assert names[:3] == ["reference", "complete", "exact"]
+    assert sum(point.kind == "stated" for point in POINTS) >= 6
+
+
+def test_exact_points_keep_the_trainings_samples_and_threshold() -> None:
+    base = RenderOptions(samples=48, threshold=0.02, background=(1.0, 1.0, 1.0))
+    for point in POINTS:
+        options = options_at(point, base)
+        assert options.background == base.background
+        if point.kind != "stated":
+            assert (options.samples, options.threshold) == (48, 0.02)
+            assert options.stop_transmittance <= 1 / 255
+            assert point.precision == "float32"
+
+
+@pytest.mark.parametrize(("name", "samples"), [("half-samples", 6), ("quarter-samples", 3)])
+def test_samples_are_shares_of_the_trainings(name: str, samples: int) -> None:
+    assert options_at(named_point(name), RenderOptions(samples=12)).samples == samples  # type: ignore[arg-type]  # a PointName
+
+
+def test_an_actor_at_a_point_shares_weights_and_leaves_the_original_alone(
+    trained: TrainedActor[ActorsNeRFState],
+) -> None:
+    assert isinstance(trained.method, ActorsNeRF)
+    tuned = at_point(trained, named_point("bfloat16"))
+    assert isinstance(tuned.method, ActorsNeRF)
+    assert tuned.method.network_dtype == torch.bfloat16
+    assert trained.method.network_dtype == torch.float32
+    assert tuned.method.radiance.density_out.weight is trained.method.radiance.density_out.weight
+    assert tuned.state is trained.state
+
+
+def test_a_thinner_shell_has_its_own_occupied_cells(
+    trained: TrainedActor[ActorsNeRFState],
+) -> None:
+    tuned = at_point(trained, named_point("shell-0.1"))
+    view = trained.supports[0]
+    poses = [
+        actor.method.pose_state(actor.state, view.pose, view.rest_joints)
+        for actor in (trained, tuned)
+    ]
+    cells = [pose.occupancy for pose in poses]
+    assert cells[0] is not None and cells[1] is not None
+    assert cells[1].threshold == 0.1 == tuned.config.render.threshold
+    assert cells[1].cells.sum() < cells[0].cells.sum()

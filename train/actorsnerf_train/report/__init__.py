@@ -1,0 +1,1 @@
+"""Speed against error: the named operating points, and what each costs and spoils, measured."""

@@ -1,0 +1,196 @@
+"""The report's command: measure one or more fitted actors, write tables and plot."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import torch
+from tqdm import tqdm
+from tyro.conf import Positional
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_train.distributed import local_device
+from actorsnerf_train.evaluate import published_lpips
+from actorsnerf_train.lpips import INSTALL, LpipsFiles
+from actorsnerf_train.machine import program_commit, this_machine
+from actorsnerf_train.metrics import Lpips
+from actorsnerf_train.report.errors import errors, health
+from actorsnerf_train.report.frames import Frame, file_of, report_frames
+from actorsnerf_train.report.measure import Contestant, Effort, Measured, measure
+from actorsnerf_train.report.memory import MemoryJob, peak_memory
+from actorsnerf_train.report.plot import write_plot
+from actorsnerf_train.report.points import POINTS, OperatingPoint, PointName, at_point
+from actorsnerf_train.report.rows import ActorReport, SpeedReport, point_rows
+from actorsnerf_train.report.table import PLOT_NAME, summary, write_tables
+from actorsnerf_train.trained import TrainedActor, load_trained
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Measures what each named saving costs in error and gains in time, and recommends one.
+
+    Every operating point draws the same frames of the same actor in turns. Minutes for a small
+    model; the reference draws a share of the rays, or it would take hours.
+    """
+
+    checkpoints: Positional[tuple[Path, ...]]
+    """Few-shot run folders or checkpoints."""
+    data: tuple[Path, ...]
+    """Prepared files of the same actors: true pictures to compare with."""
+    out: Path = Path("report")
+    """Folder for report.json, report.md and pareto.png."""
+    points: tuple[PointName, ...] = ()
+    """Which operating points to measure beside reference, complete and exact; left out: all."""
+    frames: int = 2
+    """Frame numbers, evenly spread over the protocol's evaluation frames."""
+    cameras: int = 1
+    """Cameras, evenly spread over the protocol's evaluation cameras."""
+    rounds: int = 5
+    """How often each point is timed."""
+    reference_share: float = 0.05
+    """Of the rays in the body's box, that the reference draws; 1 draws whole pictures."""
+    memory: bool = True
+    """Also draw a frame of each point in a process of its own, for its peak memory."""
+    seed: int = 0
+    """Of the choice of reference rays and of training patches."""
+    lpips: LpipsFiles = field(default_factory=LpipsFiles)
+    """Your own files with the published LPIPS weights, where `make setup` could not get them."""
+    device: str = "cpu"
+    """cpu, cuda, cuda:1, ..."""
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """One actor to measure."""
+
+    trained: TrainedActor[ActorsNeRFState]
+    data: Path
+    frames: tuple[Frame, ...]
+    digest: str
+
+
+def run_report(options: ReportOptions) -> tuple[str, ...]:
+    """What to tell, after report.json, report.md and pareto.png were written to `options.out`.
+
+    Raises:
+        UserError: no such checkpoint or file, one of another stage or actor, or no true picture.
+    """
+    began = time.perf_counter()
+    _check(options)
+    device = local_device(options.device)
+    lpips = published_lpips(options.lpips, device)
+    subjects = [_subject(checkpoint, options, device) for checkpoint in options.checkpoints]
+    reports, rates = [], {}
+    for subject in tqdm(subjects, desc="actors", unit="actor", leave=False):
+        report, measured = _actor_report(subject, options, lpips)
+        reports.append(report)
+        rates |= {one.contestant.precision: one.limit for one in measured}
+    report = SpeedReport(
+        commit=program_commit(),
+        machine=this_machine(device),
+        seed=options.seed,
+        rounds=options.rounds,
+        reference_share=options.reference_share,
+        gemm=rates,
+        lpips_note=None if lpips else f"no LPIPS weights installed; {INSTALL}",
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+        seconds=time.perf_counter() - began,
+        actors=tuple(reports),
+    )
+    table = write_tables(options.out, report)
+    write_plot(options.out / PLOT_NAME, report)
+    return (*summary(report), f"table: {table}", f"plot: {options.out / PLOT_NAME}")
+
+
+def _check(options: ReportOptions) -> None:
+    if not 0 < options.reference_share <= 1:
+        raise UserError(
+            f"--reference-share is {options.reference_share:g}, expected more than 0 and at most "
+            "1: the share of the rays that the reference draws."
+        )
+    for name in ("frames", "cameras", "rounds"):
+        if getattr(options, name) < 1:
+            raise UserError(f"--{name} is {getattr(options, name)}, expected at least 1.")
+
+
+def _subject(checkpoint: Path, options: ReportOptions, device: torch.device) -> _Subject:
+    trained = load_trained(checkpoint, device)
+    path = file_of(trained.actor, options.data, checkpoint)
+    with SequenceFile(path) as file:
+        frames = report_frames(trained, file, options.frames, options.cameras)
+        return _Subject(trained, path, frames, file.digest)
+
+
+def _actor_report(
+    subject: _Subject, options: ReportOptions, lpips: Lpips | None
+) -> tuple[ActorReport, tuple[Measured, ...]]:
+    trained, frames = subject.trained, subject.frames
+    effort = Effort(options.rounds, options.reference_share, options.seed)
+    points = chosen_points(options.points)
+    measured = measure([_contestant(trained, point) for point in points], frames, effort)
+    found = errors(measured, frames, lpips)
+    rows, best = point_rows(measured, found, _memory(subject, points, options))
+    complete = next(i for i, point in enumerate(points) if point.name == "complete")
+    return (
+        ActorReport(
+            actor=trained.actor,
+            checkpoint=str(trained.path),
+            data=str(subject.data),
+            data_sha256=subject.digest,
+            method=trained.info.method,
+            preset=trained.config.preset,
+            step=trained.info.step,
+            size=frames[0].camera.size,
+            body_share=sum(float(frame.mask.float().mean()) for frame in frames) / len(frames),
+            frames=tuple(frame.name for frame in frames),
+            reference_pixels=_reference_pixels(measured[0]),
+            health=health(measured[complete], found[complete].truth, frames),
+            points=rows,
+            recommended=best,
+            scaling=(),
+            training=(),
+            parts=(),
+        ),
+        measured,
+    )
+
+
+def chosen_points(names: Sequence[PointName]) -> tuple[OperatingPoint, ...]:
+    """The named points after the three that every report needs, or all."""
+    always = ("reference", "complete", "exact")
+    return tuple(point for point in POINTS if not names or point.name in (*always, *names))
+
+
+def _contestant(trained: TrainedActor[ActorsNeRFState], point: OperatingPoint) -> Contestant:
+    return Contestant(point.name, point.says, point.kind, point.precision, at_point(trained, point))
+
+
+def _memory(
+    subject: _Subject, points: Sequence[OperatingPoint], options: ReportOptions
+) -> tuple[float | None, ...]:
+    if not options.memory:
+        return (None,) * len(points)
+    effort = Effort(1, options.reference_share, options.seed)
+    jobs = [
+        MemoryJob(
+            subject.trained.path,
+            subject.data,
+            point,
+            effort,
+            torch.get_num_threads(),
+            options.device,
+        )
+        for point in points
+    ]
+    return peak_memory(jobs)
+
+
+def _reference_pixels(reference: Measured) -> int:
+    return sum(drawn.pixels.shape[0] for drawn in reference.drawn if drawn.pixels is not None)
+
+
+__all__ = ["ReportOptions", "chosen_points", "run_report"]

@@ -1,0 +1,306 @@
+"""What each contestant takes and gives: times taken in turns, work, and pictures to compare.
+
+In every round each contestant draws every frame, one after the other, so that a slow phase of the
+machine hits all of them; a round's time is the mean over its frames, and ratios are of medians.
+"""
+
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from jaxtyping import Int
+from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
+from tqdm import tqdm
+
+from actorsnerf_model.rays import Rays, rays_through
+from actorsnerf_model.reference import reference_render_pixels
+from actorsnerf_model.render import render
+from actorsnerf_model.states import Counts, Rendering
+from actorsnerf_train.config import Precision
+from actorsnerf_train.methods import DTYPES
+from actorsnerf_train.report.frames import Frame
+from actorsnerf_train.report.points import Kind
+from actorsnerf_train.trained import TrainedActor
+
+REFERENCE_RAYS = 1024
+"""Rays that the reference lays out at once; bounds its memory."""
+CHUNKS = (2048, 4096, 16384, 65536)
+"""Points through the networks at once, of which the reference takes the fastest."""
+GEMM = 4096, 512, 512
+"""Rows, inputs and outputs of the product that measures what the machine can do."""
+GEMM_REPEATS = 4
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Somebody who draws the frames: an operating point of the actor, or a baked form of it."""
+
+    name: str
+    says: str
+    kind: Kind
+    precision: Precision
+    actor: TrainedActor[Any]
+    """Its `config.render` is how to spend work."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a contestant drew of one frame."""
+
+    rendering: Rendering
+    """Of whole pictures (height, width); of the reference the share's pixels (rays,)."""
+    pixels: Int[Tensor, "rays 2"] | None
+    """x, y of the reference's share; None: the whole picture."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Repeated times, seconds."""
+
+    median: float
+    low: float
+    """First quartile."""
+    high: float
+    """Third quartile."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one run found of a contestant."""
+
+    contestant: Contestant
+    drawn: tuple[Drawn, ...]
+    """Frame by frame."""
+    times: Spread
+    """Of a whole frame; the reference's are scaled up from its share of the rays."""
+    flops: float
+    """Of matrix products that one sample needs in the networks."""
+    limit: float
+    """Multiply-adds times two per second that this machine's products reached in the same run, at
+    the contestant's precision."""
+
+    @property
+    def survivors(self) -> float:
+        """Samples of a frame that went through networks, mean."""
+        return self._mean([drawn.rendering.counts.survivors for drawn in self.drawn])
+
+    @property
+    def samples(self) -> float:
+        """Samples of a frame on rays that met the bounds, mean."""
+        return self._mean([drawn.rendering.counts.samples for drawn in self.drawn])
+
+    @property
+    def rays(self) -> float:
+        """Rays of a frame that met the bounds, mean."""
+        return self._mean([drawn.rendering.counts.rays for drawn in self.drawn])
+
+    @property
+    def of_limit(self) -> float:
+        """Share of the arithmetic limit: time that the products alone need, over the time."""
+        return self.survivors * self.flops / self.limit / self.times.median
+
+    def _mean(self, counts: list[int]) -> float:
+        return sum(counts) / len(counts)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How thoroughly to measure."""
+
+    rounds: int
+    share: float
+    """Of the rays in the body's box, that the reference draws."""
+    seed: int
+
+
+@torch.no_grad()
+def draw(contestant: Contestant, frame: Frame, effort: Effort) -> Drawn:
+    """The frame as the contestant draws it, the pose's own work included."""
+    actor = contestant.actor
+    pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
+    options = actor.config.render
+    if contestant.kind != "reference":
+        return Drawn(render(actor.method, actor.state, pose, frame.camera, options), None)
+    pixels = shared_pixels(frame, effort)
+    rays = rays_through(pixels.to(frame.camera.K), frame.camera)
+    pieces = [
+        reference_render_pixels(actor.method, actor.state, pose, Rays(rays.origin, part), options)
+        for part in torch.split(rays.directions, REFERENCE_RAYS)
+    ]
+    return Drawn(_joined(pieces), pixels)
+
+
+def shared_pixels(frame: Frame, effort: Effort) -> Int[Tensor, "rays 2"]:
+    """The box's pixels that the reference draws: a fixed random share of them."""
+    inside = frame.box.nonzero().flip(-1)
+    count = max(1, round(effort.share * inside.shape[0]))
+    generator = torch.Generator().manual_seed(effort.seed)
+    chosen = torch.randperm(inside.shape[0], generator=generator)[:count].sort().values
+    return inside[chosen]
+
+
+def measure(
+    contestants: Sequence[Contestant], frames: Sequence[Frame], effort: Effort
+) -> tuple[Measured, ...]:
+    """Every contestant measured on every frame, in turns, after a warm-up that is kept to compare.
+
+    Args:
+        contestants: who draws.
+        frames: what.
+        effort: how often, and how much the reference draws.
+    """
+    contestants = [_with_best_chunk(one, frames[0], effort) for one in contestants]
+    drawn = [
+        tuple(draw(one, frame, effort) for frame in frames)
+        for one in tqdm(contestants, desc="pictures", unit="point", leave=False)
+    ]
+    times: list[list[float]] = [[] for _ in contestants]
+    precisions = sorted({one.precision for one in contestants})
+    rates: dict[Precision, list[float]] = {precision: [] for precision in precisions}
+    for turn in tqdm(range(effort.rounds), desc="times", unit="round", leave=False):
+        for precision in precisions:
+            rates[precision].append(gemm_rate(precision, frames[0].pose.device))
+        for i in range(len(contestants)):
+            who = (i + turn) % len(contestants)
+            took = [_seconds(contestants[who], frame, effort) for frame in frames]
+            times[who].append(sum(took) / len(took))
+    return tuple(
+        Measured(
+            one,
+            _scaled_up(own, frames),
+            spread(took),
+            field_flops(one, frames[0]),
+            statistics.median(rates[one.precision]),
+        )
+        for one, own, took in zip(contestants, drawn, times, strict=True)
+    )
+
+
+def spread(times: Sequence[float]) -> Spread:
+    """Median and quartiles.
+
+    >>> spread([1.0, 2.0, 3.0])
+    Spread(median=2.0, low=1.5, high=2.5)
+    """
+    values = torch.tensor(times, dtype=torch.float64)
+    low, middle, high = torch.quantile(values, values.new_tensor([0.25, 0.5, 0.75])).tolist()
+    return Spread(middle, low, high)
+
+
+@torch.no_grad()
+def field_flops(contestant: Contestant, frame: Frame) -> float:
+    """Floating-point operations of matrix products that one sample needs in the field."""
+    actor = contestant.actor
+    pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
+    low, high = pose.bounds
+    shares = torch.rand(20_000, 3, generator=torch.Generator().manual_seed(0)).to(low)
+    points = low + shares * (high - low)
+    located = actor.method.locate(actor.state, pose, points, actor.config.render.threshold)
+    count = located.index.shape[0]
+    if count == 0:
+        return 0.0
+    counter = FlopCounterMode(display=False)
+    with counter:
+        actor.method.field(actor.state, pose, located)
+    return float(counter.get_total_flops()) / count
+
+
+@torch.no_grad()
+def gemm_rate(precision: Precision, device: torch.device) -> float:
+    """Floating-point operations per second of a large matrix product."""
+    rows, inputs, outputs = GEMM
+    dtype = DTYPES[precision]
+    left = torch.ones(rows, inputs, dtype=dtype, device=device)
+    right = torch.ones(inputs, outputs, dtype=dtype, device=device)
+    out = torch.empty(rows, outputs, dtype=dtype, device=device)
+    torch.mm(left, right, out=out)
+    began = now(device)
+    for _ in range(GEMM_REPEATS):
+        torch.mm(left, right, out=out)
+    return 2 * rows * inputs * outputs * GEMM_REPEATS / (now(device) - began)
+
+
+def now(device: torch.device) -> float:
+    """Seconds, once the device has done what it was asked."""
+    if device.type == "cuda":
+        torch.cuda.synchronize(device)
+    return time.perf_counter()
+
+
+def _seconds(contestant: Contestant, frame: Frame, effort: Effort) -> float:
+    """Time of the whole frame; from a share of the rays it is that of all in the box."""
+    device = frame.pose.device
+    began = now(device)
+    drawn = draw(contestant, frame, effort)
+    took = now(device) - began
+    return took if drawn.pixels is None else took * _unshared(drawn, frame)
+
+
+def _unshared(drawn: Drawn, frame: Frame) -> float:
+    assert drawn.pixels is not None
+    return float(frame.box.sum()) / drawn.pixels.shape[0]
+
+
+def _scaled_up(drawn: Sequence[Drawn], frames: Sequence[Frame]) -> tuple[Drawn, ...]:
+    """The reference's work as that of the whole frame."""
+    whole = []
+    for one, frame in zip(drawn, frames, strict=True):
+        if one.pixels is None:
+            whole.append(one)
+            continue
+        factor, counts = _unshared(one, frame), one.rendering.counts
+        scaled = Counts(
+            *(round(n * factor) for n in (counts.rays, counts.samples, counts.survivors))
+        )
+        whole.append(replace(one, rendering=replace(one.rendering, counts=scaled)))
+    return tuple(whole)
+
+
+def _with_best_chunk(contestant: Contestant, frame: Frame, effort: Effort) -> Contestant:
+    """The reference with the chunk size that suits this machine; the others as they are."""
+    if contestant.kind != "reference":
+        return contestant
+    tried = {}
+    fewer = replace(effort, share=effort.share / len(CHUNKS))
+    for chunk in CHUNKS:
+        config = contestant.actor.config
+        options = replace(config.render, chunk=chunk)
+        one = replace(
+            contestant, actor=replace(contestant.actor, config=replace(config, render=options))
+        )
+        tried[_seconds(one, frame, fewer)] = one
+    return tried[min(tried)]
+
+
+def _joined(pieces: list[Rendering]) -> Rendering:
+    counts = [piece.counts for piece in pieces]
+    return Rendering(
+        torch.cat([piece.rgb for piece in pieces]),
+        torch.cat([piece.alpha for piece in pieces]),
+        torch.cat([piece.depth for piece in pieces]),
+        Counts(
+            sum(count.rays for count in counts),
+            sum(count.samples for count in counts),
+            sum(count.survivors for count in counts),
+        ),
+    )
+
+
+__all__ = [
+    "Contestant",
+    "Drawn",
+    "Effort",
+    "Measured",
+    "Spread",
+    "draw",
+    "field_flops",
+    "gemm_rate",
+    "measure",
+    "now",
+    "shared_pixels",
+    "spread",
+]

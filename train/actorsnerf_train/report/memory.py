@@ -1,0 +1,80 @@
+"""How much memory one frame needs at an operating point: a process of its own draws it."""
+
+import multiprocessing
+import resource
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_train.allocator import keep_memory
+from actorsnerf_train.report.frames import report_frames
+from actorsnerf_train.report.measure import Contestant, Effort, draw
+from actorsnerf_train.report.points import OperatingPoint, at_point
+from actorsnerf_train.trained import load_trained
+
+STATUS = Path("/proc/self/status")
+
+
+@dataclass(frozen=True)
+class MemoryJob:
+    """One frame to draw."""
+
+    checkpoint: Path
+    data: Path
+    point: OperatingPoint
+    effort: Effort
+    threads: int
+    device: str
+
+
+def peak_memory(jobs: Sequence[MemoryJob]) -> tuple[float | None, ...]:
+    """Megabytes that each job's frame needs at its peak, beyond the loaded program and actor.
+
+    Each runs alone in a process of its own. On a CPU it is the kernel's largest resident size less
+    the one before the frame (None where the system does not tell), on CUDA torch's own count.
+    """
+    found: list[float | None] = []
+    for job in jobs:
+        fresh = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(1, mp_context=fresh) as process:
+            found.append(process.submit(frame_memory, job).result())
+    return tuple(found)
+
+
+def frame_memory(job: MemoryJob) -> float | None:
+    """What `peak_memory` runs in the other process."""
+    keep_memory()
+    torch.set_num_threads(job.threads)
+    device = torch.device(job.device)
+    trained = load_trained(job.checkpoint, device)
+    with SequenceFile(job.data) as file:
+        frame = report_frames(trained, file, 1, 1)[0]
+    point = job.point
+    actor = at_point(trained, point)
+    contestant = Contestant(point.name, point.says, point.kind, point.precision, actor)
+    if device.type == "cuda":
+        torch.cuda.reset_peak_memory_stats(device)
+        before = torch.cuda.memory_allocated(device)
+        draw(contestant, frame, job.effort)
+        return (torch.cuda.max_memory_allocated(device) - before) / 1e6
+    resident = _resident()
+    draw(contestant, frame, job.effort)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3  # of KiB
+    return None if resident is None else max(peak - resident, 0.0)
+
+
+def _resident() -> float | None:
+    """Resident megabytes of this process now."""
+    if not STATUS.exists():
+        return None
+    for line in STATUS.read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return float(line.split()[1]) * 1.024e-3
+    return None
+
+
+__all__ = ["MemoryJob", "frame_memory", "peak_memory"]

@@ -1,0 +1,55 @@
+"""Time against error as a picture: what is worth using lies on the line."""
+
+import io
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.report.rows import ActorReport, PointRow, SpeedReport
+
+COLOURS = {"reference": "0.3", "exact": "tab:green", "stated": "tab:blue", "baked": "tab:orange"}
+DPI = 110
+CEILING = 70.0
+"""Decibel above which no eye and no 8-bit picture tells more; nearer points are drawn here."""
+
+
+def write_plot(path: Path, report: SpeedReport) -> None:
+    """Write the Pareto plot, one panel an actor, as a PNG file."""
+    count = len(report.actors)
+    figure = Figure(figsize=(6.5 * count, 4.6))
+    panels = figure.subplots(1, count, squeeze=False)
+    for panel, actor in zip(panels[0], report.actors, strict=True):
+        _draw(panel, actor)
+    figure.tight_layout()
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+    write_whole(path, stream.getvalue())
+
+
+def _draw(panel: Axes, actor: ActorReport) -> None:
+    for row in actor.points:
+        place = (1e3 * row.seconds, _height(row))
+        used = row.dominated_by is None
+        colour = COLOURS[row.kind]
+        panel.plot(*place, "o" if used else "x", color=colour, alpha=1.0 if used else 0.5)
+        weight = "bold" if row.name == actor.recommended else "normal"
+        panel.annotate(
+            row.name, place, (4, 3), textcoords="offset points", fontsize=7, fontweight=weight
+        )
+    front = sorted((1e3 * r.seconds, _height(r)) for r in actor.points if r.dominated_by is None)
+    panel.plot(*zip(*front, strict=True), "-", color="0.75", zorder=0)
+    panel.set_xscale("log")
+    panel.set_xlabel("ms a frame")
+    panel.set_ylabel(f"dB to the reference picture in the box (at most {CEILING:g})")
+    width, height = actor.size
+    panel.set_title(f"{actor.actor}, {actor.preset}, {width}x{height}", fontsize=9)
+    panel.grid(True, which="both", alpha=0.25)
+
+
+def _height(row: PointRow) -> float:
+    return CEILING if row.kind == "reference" else min(row.reference_psnr, CEILING)
+
+
+__all__ = ["write_plot"]

@@ -1,0 +1,137 @@
+"""The named operating points: what each saves, and a fitted actor set to one of them.
+
+`exact` and `complete` show the reference picture to less than one step of an 8-bit colour; the
+others say what they change. The report measures all of them on your actor and machine.
+"""
+
+import copy
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.states import RenderOptions
+from actorsnerf_train.config import Precision
+from actorsnerf_train.methods import DTYPES
+from actorsnerf_train.trained import TrainedActor
+
+Kind = Literal["reference", "exact", "stated", "baked"]
+PointName = Literal[
+    "reference",
+    "complete",
+    "exact",
+    "stop-1e-2",
+    "stop-5e-2",
+    "half-samples",
+    "quarter-samples",
+    "shell-0.05",
+    "shell-0.1",
+    "bfloat16",
+    "fast",
+    "fastest",
+]
+EXACT_STOP = 1e-3
+"""Light that `exact` lets go at most, and so its largest error: a quarter of 1/255."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """What a name stands for; every default is the training's own."""
+
+    name: PointName
+    says: str
+    """What it does, for tables."""
+    kind: Kind = "stated"
+    samples: float = 1.0
+    """Samples per ray, as a share of the training's."""
+    stop: float = EXACT_STOP
+    """`stop_transmittance`."""
+    threshold: float | None = None
+    """Foreground likelihood below which a sample is empty; None: the training's."""
+    precision: Precision = "float32"
+    """Of products inside the networks."""
+
+
+POINTS: tuple[OperatingPoint, ...] = (
+    OperatingPoint(
+        "reference", "every sample through every network, float32", "reference", stop=0.0
+    ),
+    OperatingPoint("complete", "empty space skipped; nothing else", "exact", stop=0.0),
+    OperatingPoint("exact", "also stops behind what is opaque to 0.1 %", "exact"),
+    OperatingPoint("stop-1e-2", "stops behind what is opaque to 1 %", stop=1e-2),
+    OperatingPoint("stop-5e-2", "stops behind what is opaque to 5 %", stop=5e-2),
+    OperatingPoint("half-samples", "half the samples per ray", samples=0.5),
+    OperatingPoint("quarter-samples", "a quarter of the samples per ray", samples=0.25),
+    OperatingPoint("shell-0.05", "thinner shell: likelihood from 0.05", threshold=0.05),
+    OperatingPoint("shell-0.1", "thinner shell: likelihood from 0.1", threshold=0.1),
+    OperatingPoint("bfloat16", "products of the networks in bfloat16", precision="bfloat16"),
+    OperatingPoint(
+        "fast",
+        "half the samples, stop at 1 %, bfloat16",
+        samples=0.5,
+        stop=1e-2,
+        precision="bfloat16",
+    ),
+    OperatingPoint(
+        "fastest",
+        "a quarter of the samples, stop at 5 %, bfloat16",
+        samples=0.25,
+        stop=5e-2,
+        precision="bfloat16",
+    ),
+)
+"""All of them; `reference` first."""
+
+
+def named_point(name: PointName) -> OperatingPoint:
+    """The operating point of a name.
+
+    >>> named_point("exact").stop
+    0.001
+    """
+    return next(point for point in POINTS if point.name == name)
+
+
+def options_at(point: OperatingPoint, trained: RenderOptions) -> RenderOptions:
+    """The options of a point for an actor that was trained with some.
+
+    >>> options_at(named_point("half-samples"), RenderOptions(samples=64)).samples
+    32
+    """
+    return replace(
+        trained,
+        samples=max(1, round(trained.samples * point.samples)),
+        threshold=trained.threshold if point.threshold is None else point.threshold,
+        stop_transmittance=point.stop,
+    )
+
+
+def at_point(
+    trained: TrainedActor[ActorsNeRFState], point: OperatingPoint
+) -> TrainedActor[ActorsNeRFState]:
+    """The actor as the point renders it; weights and actor state are shared, not copied.
+
+    Its configuration's `render` holds the point's options, and its method makes the occupied cells
+    for the point's threshold.
+    """
+    method = trained.method
+    assert isinstance(method, ActorsNeRF)
+    options = options_at(point, trained.config.render)
+    tuned = copy.copy(method)
+    tuned.network_dtype = DTYPES[point.precision]
+    tuned.config = replace(
+        method.config, occupancy_threshold=max(method.config.occupancy_threshold, options.threshold)
+    )
+    return replace(trained, method=tuned, config=replace(trained.config, render=options))
+
+
+__all__ = [
+    "EXACT_STOP",
+    "POINTS",
+    "Kind",
+    "OperatingPoint",
+    "PointName",
+    "at_point",
+    "named_point",
+    "options_at",
+]

@@ -1,0 +1,203 @@
+"""The report as `report.json` and `report.md`."""
+
+import json
+from pathlib import Path
+
+from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.records import to_json_object
+from actorsnerf_train.report.choice import LOSS, LPIPS_LOSS, NEAREST
+from actorsnerf_train.report.errors import SAME
+from actorsnerf_train.report.measure import Spread
+from actorsnerf_train.report.rows import ActorReport, PartRow, PointRow, SpeedReport, TrainingRow
+from actorsnerf_train.result import Json
+
+SCHEMA = "actorsnerf-speed-report"
+SCHEMA_VERSION = 1
+JSON_NAME = "report.json"
+MARKDOWN_NAME = "report.md"
+PLOT_NAME = "pareto.png"
+
+
+def write_tables(folder: Path, report: SpeedReport) -> Path:
+    """The Markdown file, after the JSON beside it; each has its name only once it is complete."""
+    folder.mkdir(parents=True, exist_ok=True)
+    record: dict[str, Json] = {"schema": SCHEMA, "schema_version": SCHEMA_VERSION}
+    content = json.dumps(record | to_json_object(report), indent=1, allow_nan=False)
+    write_whole(folder / JSON_NAME, (content + "\n").encode())
+    path = folder / MARKDOWN_NAME
+    write_whole(path, markdown(report).encode())
+    return path
+
+
+def markdown(report: SpeedReport) -> str:
+    """The report for people."""
+    machine = report.machine
+    rates = ", ".join(f"{rate / 1e9:.0f} GFLOP/s {name}" for name, rate in report.gemm.items())
+    lines = [
+        "# Speed against error",
+        "",
+        f"{machine.processor} ({machine.device}), {machine.threads} of {machine.cores} cores, "
+        f"torch {machine.torch}; products reach {rates}. Commit {report.commit or 'unknown'}, "
+        f"seed {report.seed}, {report.rounds} rounds in turns; times are medians (quartiles) of "
+        "one frame, its pose's own work included. The reference drew "
+        f"{100 * report.reference_share:g} % of the rays in the body's box: its time is scaled up, "
+        "and |Δrgb| and PSNR to it are over these pixels.",
+        "",
+    ]
+    if report.lpips_note:
+        lines += [f"LPIPS not computed: {report.lpips_note}", ""]
+    for actor in report.actors:
+        lines += _actor(actor)
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def summary(report: SpeedReport) -> tuple[str, ...]:
+    """A few lines for the terminal."""
+    lines = []
+    for actor in report.actors:
+        named = {row.name: row for row in actor.points}
+        best = named[actor.recommended]
+        lines.append(
+            f"{actor.actor}: use {best.name} ({best.says}): {_milliseconds(best.seconds)} ms a "
+            f"frame, {best.faster:.0f} times the reference, {best.reference_psnr:.1f} dB to it"
+        )
+        useless = [row.name for row in actor.points if row.dominated_by is not None]
+        lines.append(f"  nobody should use: {', '.join(useless) or 'none of them'}")
+    return tuple(lines)
+
+
+def _actor(actor: ActorReport) -> list[str]:
+    width, height = actor.size
+    return [
+        f"## {actor.actor}: {actor.method}, {actor.preset} sizes, step {actor.step}",
+        "",
+        f"{len(actor.frames)} pictures of {width}x{height} ({'; '.join(actor.frames)}), the person "
+        f"over {100 * actor.body_share:.1f} % of them; {actor.reference_pixels} pixels drawn by "
+        f"the reference. The actor: mean opacity {actor.health.alpha_inside:.3f} on the person's "
+        f"pixels, {actor.health.psnr:.2f} dB to the true pictures in the box.",
+        "",
+        *_points(actor.points),
+        "",
+        f"**Use `{actor.recommended}`**: the fastest within {LOSS:g} dB and {LPIPS_LOSS:g} LPIPS "
+        f"x1000 of `exact` and at least {NEAREST:g} dB to the reference picture.",
+        "",
+        *_useless(actor.points),
+        *_scaling(actor),
+        *_training(actor.training),
+        *_parts(actor.parts),
+    ]
+
+
+def _points(rows: tuple[PointRow, ...]) -> list[str]:
+    lines = [
+        "| point | what it does | ms a frame | x reference | samples through networks | of the "
+        "arithmetic limit | peak MB | PSNR | SSIM | LPIPS x1000 | dB to reference | mean, largest "
+        "\\|Δrgb\\| x255 |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        largest = max(row.reference_largest, row.largest_anywhere or 0.0)
+        same = row.kind != "reference" and largest <= SAME
+        lines.append(
+            f"| {'`' + row.name + '`'} | {row.says} | {_milliseconds(row.seconds)} "
+            f"({_milliseconds(row.seconds_low)}-{_milliseconds(row.seconds_high)}) | "
+            f"{row.faster:.1f} | {row.survivors:.0f} of {row.samples:.0f} | {row.of_limit:.2f} | "
+            f"{_or_dash(row.memory_mb, '.0f')} | {_or_dash(row.psnr, '.2f')} | "
+            f"{_or_dash(row.ssim, '.4f')} | {_or_dash(row.lpips_x1000, '.2f')} | "
+            f"{'-' if row.kind == 'reference' else format(row.reference_psnr, '.1f')} | "
+            f"{255 * row.reference_mean:.3f}, {255 * largest:.2f}{' (exact)' if same else ''} |"
+        )
+    return lines
+
+
+def _useless(rows: tuple[PointRow, ...]) -> list[str]:
+    lines = [
+        f"* `{row.name}`: `{row.dominated_by}` is no slower and no further from the reference."
+        for row in rows
+        if row.dominated_by is not None
+    ]
+    return ["Nobody should use:", "", *lines, ""] if lines else ["Every point has its use.", ""]
+
+
+def _scaling(actor: ActorReport) -> list[str]:
+    if not actor.scaling:
+        return []
+    lines = [
+        "### What the time depends on",
+        "",
+        "The point `exact`, one frame; the cost follows the person's pixels and the samples on "
+        "them, not the picture.",
+        "",
+        "| varied | to | ms a frame | rays | samples through networks |",
+        "|---|---|---|---|---|",
+    ]
+    for row in actor.scaling:
+        lines.append(
+            f"| {row.what} | {row.value} | {_milliseconds(row.seconds)} | {row.rays} | "
+            f"{row.survivors} |"
+        )
+    return [*lines, ""]
+
+
+def _training(rows: tuple[TrainingRow, ...]) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "### A training step",
+        "",
+        "Forward and backward on the same patches with the same losses; the reference renders "
+        "patch by patch, adds the gradients up, and computes the actor's state once a step.",
+        "",
+        "| stage | patches | samples per ray | ms a step | reference, ms | x reference | loss | "
+        "largest relative L2 error of a gradient |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.stage} | {row.patches} of {row.side}x{row.side} | {row.samples_per_ray} | "
+            f"{_spread(row.seconds)} | {_spread(row.reference_seconds)} | {row.faster:.1f} | "
+            f"{row.loss_difference:.1e} | {row.gradient_error:.1e} ({row.worst_parameter}) |"
+        )
+    return [*lines, ""]
+
+
+def _parts(rows: tuple[PartRow, ...]) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "### What each part of the model costs",
+        "",
+        "One frame, every sample in the shell, the same skinning volume. Only times: what a part "
+        "is worth in error needs a training without it.",
+        "",
+        "| left out | ms a frame | MFLOP a sample | samples through networks |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.without} | {_spread(row.seconds)} | {row.flops_per_sample / 1e6:.3f} | "
+            f"{row.survivors} |"
+        )
+    return [*lines, ""]
+
+
+def _spread(times: Spread) -> str:
+    low, high = _milliseconds(times.low), _milliseconds(times.high)
+    return f"{_milliseconds(times.median)} ({low}-{high})"
+
+
+def _milliseconds(seconds: float) -> str:
+    """With three digits at least.
+
+    >>> _milliseconds(0.00123), _milliseconds(12.3)
+    ('1.23', '12300')
+    """
+    value = 1e3 * seconds
+    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:.0f}"
+
+
+def _or_dash(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+__all__ = ["JSON_NAME", "MARKDOWN_NAME", "PLOT_NAME", "markdown", "summary", "write_tables"]
