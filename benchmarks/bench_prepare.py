@@ -1,23 +1,28 @@
 """How fast raw pictures become a prepared file, against what cannot be avoided, and in what memory.
 
-Given masks: with 1 and 2 workers, against decoding, undistorting and compressing alone, by the same
-process in the same run. Made masks have their own seconds per picture.
+Given masks: with 1 and 2 workers, against decoding, undistorting and compressing alone, in turn in
+the same run. By the clock and in CPU time, which other work on the machine disturbs little. Made
+masks have their own seconds per picture.
 """
 
 import argparse
 import multiprocessing
+import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
 from records import Table, record, stopwatch
-from scenes import BODY, HOME, SEED, aist_root, fresh, long_zju_sequence
+from scenes import BODY, HOME, SEED, ZJU, aist_root, fresh, long_zju_sequence
 
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_datasets.types import Picture
 from actorsnerf_datasets.writer import encode_picture
 from actorsnerf_preprocess.aist import find_aist, open_aist
 from actorsnerf_preprocess.aist_reader import AistReader
@@ -29,21 +34,29 @@ from actorsnerf_preprocess.source import OpenOptions, SourceSequence
 from actorsnerf_preprocess.workers import team
 from actorsnerf_preprocess.zju import find_zju, open_zju
 
-WORKERS = (1, 2)
+WHOLE = "decode, undistort, compress alone"
+CROP = "decode, undistort the crop, compress alone"
+PREPARE = {1: "prepare, 1 worker", 2: "prepare, 2 workers"}
+"""By the number of workers."""
 OUT = HOME / "prepared"
+
+Result = TypeVar("Result")
+Row = tuple[str | float | int, ...]
 
 
 @dataclass(frozen=True)
 class Run:
-    """One preparation."""
+    """One preparation, or what it cannot leave out."""
 
-    seconds: float
-    """Of the pictures: processes are running already, as in a run over many sequences."""
-    start: float
+    wall: float
+    """Seconds of the pictures: processes are running already, as in a run over many sequences."""
+    cpu: float
+    """CPU seconds of the pictures, in all processes."""
+    start: float = 0.0
     """Seconds until all worker processes are ready."""
-    worker_peak: float
+    worker_peak: float = 0.0
     """Largest resident memory of a worker, MB."""
-    main_peak: float
+    main_peak: float = 0.0
     """Of the main process, MB."""
 
 
@@ -65,49 +78,68 @@ def given_masks(frames: int, repeats: int) -> Table:
     source = open_zju(find_zju(folder)[0], OpenOptions(body_model=BODY, pairs="all"))
     count = int(source.wanted.sum())
     in_process(prepared, source, 1)  # fills the page cache, and leaves the file for `alone`
-    runs: dict[int, list[Run]] = {workers: [] for workers in WORKERS}
-    alone_seconds: list[float] = []
+    runs: dict[str, list[Run]] = {name: [] for name in (WHOLE, CROP, *PREPARE.values())}
     for _ in range(repeats):
-        alone_seconds.append(in_process(alone, source))
-        for workers in WORKERS:
-            runs[workers].append(in_process(prepared, source, workers))
-    bare = statistics.median(alone_seconds)
-    rows: list[tuple[str | float | int, ...]] = [
-        ("decode, undistort, compress alone", count / bare, 1000 * bare / count, "", "", "", "")
-    ]
-    single = statistics.median(run.seconds for run in runs[1])
-    for workers in WORKERS:
-        seconds = statistics.median(run.seconds for run in runs[workers])
-        rows.append(
-            (
-                f"prepare, {workers} worker{'s' if workers > 1 else ''}",
-                count / seconds,
-                1000 * seconds / count,
-                f"{single / seconds:.2f}",
-                f"{bare / seconds / workers:.2f}",
-                max(run.worker_peak for run in runs[workers]) if workers > 1 else "",
-                max(run.main_peak for run in runs[workers]),
-            )
-        )
-    start = statistics.median(run.start for run in runs[2])
+        for name, cropped in ((WHOLE, False), (CROP, True)):
+            runs[name].append(in_process(alone, source, cropped))
+        for workers, name in PREPARE.items():
+            runs[name].append(in_process(prepared, source, workers))
+    rows = [_bare_row(runs[name], name, count) for name in (WHOLE, CROP)]
+    rows += [_prepare_row(runs, workers, count) for workers in PREPARE]
+    start = statistics.median(run.start for run in runs[PREPARE[2]])
     return Table(
         f"Given masks: {count} pictures of 1024 x 1024 with two masks each",
         (
             "what",
             "pictures/s",
             "ms per picture",
+            "CPU ms per picture",
             "times 1 worker",
-            "share of the bare work per worker",
+            "share of the bare work, CPU time",
+            "of that on the crop, CPU time",
+            "share of the bare work per worker, by the clock",
             "worker peak, MB",
             "main process peak, MB",
         ),
         tuple(rows),
         "Aims: 2 workers at least 1.7 times 1 worker; share at least 0.8; less than 1000 MB per "
-        f"worker. OpenCV has one thread per process. Starting two processes takes {start:.1f} s "
-        "once per run and is not counted. The bare work is: read, decode picture and masks, "
-        "undistort both whole, compress the finished crop; without finding the person, hashing the "
-        "sources, resizing, writing, and the digests of the file. The 60 different pictures of "
-        "each camera are repeated.",
+        "worker. Shares are medians over runs that follow each other. OpenCV has one thread per "
+        f"process. Starting two processes takes {start:.1f} s once per run and is not counted. The "
+        "bare work is: read, decode picture and masks, undistort both whole, compress the finished "
+        "crop; without finding the person, hashing the sources, resizing, writing, and the digests "
+        "of the file. `prepare` undistorts only what the crop needs, with maps made once per "
+        "camera; the second line does so too (the crop exactly, which only the finished file "
+        "tells). The 60 different pictures of each camera are repeated.",
+    )
+
+
+def _bare_row(runs: Sequence[Run], name: str, count: int) -> Row:
+    wall, cpu = (statistics.median(getattr(run, kind) for run in runs) for kind in ("wall", "cpu"))
+    return (name, count / wall, 1000 * wall / count, 1000 * cpu / count, "", "", "", "", "", "")
+
+
+def _prepare_row(runs: Mapping[str, Sequence[Run]], workers: int, count: int) -> Row:
+    mine, single = runs[PREPARE[workers]], runs[PREPARE[1]]
+    wall, cpu = (statistics.median(getattr(run, kind) for run in mine) for kind in ("wall", "cpu"))
+    by_clock = _share(runs[WHOLE], mine, "wall") / workers
+    return (
+        PREPARE[workers],
+        count / wall,
+        1000 * wall / count,
+        1000 * cpu / count,
+        f"{_share(single, mine, 'wall'):.2f}",
+        f"{_share(runs[WHOLE], mine, 'cpu'):.2f}",
+        f"{_share(runs[CROP], mine, 'cpu'):.2f}",
+        f"{by_clock:.2f}",
+        max(run.worker_peak for run in mine) if workers > 1 else "",
+        max(run.main_peak for run in mine),
+    )
+
+
+def _share(base: Sequence[Run], runs: Sequence[Run], kind: Literal["wall", "cpu"]) -> float:
+    """What the base takes over what the runs take, each compared with its neighbour in time."""
+    return statistics.median(
+        getattr(one, kind) / getattr(other, kind) for one, other in zip(base, runs, strict=True)
     )
 
 
@@ -119,30 +151,60 @@ def prepared(source: SourceSequence, workers: int) -> Run:
         with stopwatch(laps):
             if executor is not None:
                 list(executor.map(time.sleep, [0.5] * workers))
+        before = _cpu_seconds()
         with stopwatch(laps):
             prepare_sequence(source, out, PrepareOptions(workers=workers), executor)
+        cpu = _cpu_seconds() - before
         peaks = [_peak(child.pid) for child in multiprocessing.active_children()]
-    return Run(laps[1], laps[0], max(peaks, default=0.0), _peak(None))
+    return Run(laps[1], cpu, laps[0], max(peaks, default=0.0), _peak(None))
 
 
-def alone(source: SourceSequence) -> float:
-    """Seconds for what no preparation can leave out, for all pictures, in this process."""
+def alone(source: SourceSequence, cropped: bool) -> Run:
+    """What no preparation can leave out, for all pictures, in this process.
+
+    Args:
+        source: the sequence, prepared before.
+        cropped: undistort only what becomes the finished crop.
+    """
     cv2.setNumThreads(1)
-    assert isinstance(source.reader, ImageReader)
-    with SequenceFile(OUT / f"{source.found.name}.h5") as file:
-        finished = [file.picture(0, frame) for frame in range(min(60, len(source.frames)))]
-    started = time.perf_counter()
+    reader = source.reader
+    assert isinstance(reader, ImageReader)
+    finished = _finished(source)
+    period = len(finished) // len(source.cameras)
+    before, started = _cpu_seconds(), time.perf_counter()
     for camera, frame in np.argwhere(source.wanted).tolist():
         if frame == 0:
             lens = lens_of(source.cameras[camera])
-            whole = Crop(0, 0, *source.cameras[camera].size)
-        image, *masks = (path.read_bytes() for path in source.reader.files(camera, frame))
+            whole = Crop(0, 0, *lens.camera.size)
+        crop = finished[camera, frame % period]
+        window = _source_window(crop, lens.camera.size) if cropped else whole
+        image, *masks = (path.read_bytes() for path in reader.files(camera, frame))
         picture = np.asarray(cv2.imdecode(np.frombuffer(image, np.uint8), READ_FLAGS), np.uint8)
         decoded = [cv2.imdecode(np.frombuffer(m, np.uint8), cv2.IMREAD_UNCHANGED) for m in masks]
-        undistorted(lens, picture, whole)
-        undistorted(lens, np.maximum.reduce(decoded).astype(np.uint8), whole)
-        encode_picture(finished[frame % len(finished)])
-    return time.perf_counter() - started
+        undistorted(lens, picture, window)
+        undistorted(lens, np.maximum.reduce(decoded).astype(np.uint8), window)
+        encode_picture(crop)
+    return Run(time.perf_counter() - started, _cpu_seconds() - before)
+
+
+def _finished(source: SourceSequence) -> dict[tuple[int, int], Picture]:
+    """The prepared pictures of the different frames."""
+    frames = range(min(ZJU.frames, len(source.frames)))
+    with SequenceFile(OUT / f"{source.found.name}.h5") as file:
+        return {
+            (camera, frame): file.picture(camera, frame)
+            for camera in range(len(source.cameras))
+            for frame in frames
+        }
+
+
+def _source_window(picture: Picture, size: tuple[int, int]) -> Crop:
+    """The source pixels of a stored crop, half the source's size, inside the picture."""
+    left, top = (max(0, 2 * offset) for offset in picture.offset)
+    height, width = picture.alpha.shape
+    right = min(size[0], 2 * (picture.offset[0] + width))
+    bottom = min(size[1], 2 * (picture.offset[1] + height))
+    return Crop(left, top, right - left, bottom - top)
 
 
 def made_masks(count: int) -> Table:
@@ -179,19 +241,31 @@ def made_masks(count: int) -> Table:
     return Table(f"Made masks: video of {width} x {height}", ("what", "s"), rows)
 
 
-def in_process(function: Callable[..., object], *arguments: object) -> object:
+def in_process(function: Callable[..., Result], *arguments: object) -> Result:
     """The result of a function in a fresh process, so that memory peaks are its own."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, arguments))
     process.start()
-    result = receiver.recv()
+    result: Result = receiver.recv()
     process.join()
     return result
 
 
-def _answer(sender: object, function: Callable[..., object], arguments: tuple[object, ...]) -> None:
+def _answer(
+    sender: Connection, function: Callable[..., object], arguments: tuple[object, ...]
+) -> None:
     sender.send(function(*arguments))
+
+
+def _cpu_seconds() -> float:
+    """CPU time so far of this process and its living children."""
+    ticks = os.sysconf("SC_CLK_TCK")
+    total = time.process_time()
+    for child in multiprocessing.active_children():
+        fields = Path(f"/proc/{child.pid}/stat").read_text().rpartition(")")[2].split()
+        total += (int(fields[11]) + int(fields[12])) / ticks
+    return total
 
 
 def _peak(pid: int | None) -> float:
