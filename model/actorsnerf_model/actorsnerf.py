@@ -250,22 +250,35 @@ class ActorsNeRF(nn.Module):
             rgb, density = self.radiance(normal, pixels, body)
         return FieldValues(rgb, density)
 
-    def tied_field(
+    def offsets(
         self,
         actor: ActorsNeRFState,
-        category: Float[Tensor, "points 3"],
-        instance: Float[Tensor, "points 3"],
-    ) -> FieldValues:
-        """Colour and density of instance points whose category points are given, metres.
-
-        The field of any pose whose offsets lead from the one to the other.
-        """
+        points: Float[Tensor, "points 3"],
+        poses: Float[Tensor, "poses 24 3"],
+    ) -> Float[Tensor, "points 3"]:
+        """Mean offset in poses from category points to instance points, metres."""
         low, high = actor.body.geometry.box
-        pixels = self._pixel_features(actor, category)[0]
-        with torch.autocast(instance.device.type, enabled=False):
-            body = query(actor.levels, instance) if actor.levels else None
-        with self._networks(instance):
-            rgb, density = self.radiance((instance - low) * (2 / (high - low)) - 1, pixels, body)
+        given = self.deformation_input(actor, points)
+        if given is None or self.deformation is None:
+            return torch.zeros_like(points)
+        with self._networks(points):
+            moved = [self.deformation.from_input(given, pose).to(points.dtype) for pose in poses]
+        return torch.stack(moved).mean(0) * ((high - low) / 2)
+
+    def mean_field(
+        self,
+        actor: ActorsNeRFState,
+        points: Float[Tensor, "points 3"],
+        poses: Float[Tensor, "poses 24 3"],
+    ) -> FieldValues:
+        """Colour and density of category points (metres) moved by their mean offset in poses."""
+        low, high = actor.body.geometry.box
+        pixels = self._pixel_features(actor, points)[0]
+        points = points + self.offsets(actor, points, poses)
+        with torch.autocast(points.device.type, enabled=False):
+            body = query(actor.levels, points) if actor.levels else None
+        with self._networks(points):
+            rgb, density = self.radiance((points - low) * (2 / (high - low)) - 1, pixels, body)
         return FieldValues(rgb, density)
 
     def deformation_input(
@@ -280,7 +293,8 @@ class ActorsNeRF(nn.Module):
         low, high = actor.body.geometry.box
         codes = self._pixel_features(actor, points)[1]
         normal = (points - low) * (2 / (high - low)) - 1
-        return self.deformation.point_input(normal, actor.window, codes)
+        with self._networks(points):
+            return self.deformation.point_input(normal, actor.window, codes)
 
     def _pixel_features(
         self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]

@@ -39,6 +39,10 @@ class BakedActorData:
     """At instance points."""
     threshold: float
     """Foreground likelihood below which there is nothing."""
+    home_pose: Float[Tensor, "24 3"]
+    """A pose that the actor was seen in, for whoever has no motion: the first support view's."""
+    home_joints: Float[Tensor, "24 3"]
+    """Rest joints of that view, metres."""
 
 
 @dataclass(frozen=True)

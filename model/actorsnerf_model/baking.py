@@ -1,17 +1,20 @@
 """How an actor is baked: its field on a sparse grid, its deformation on coarse nodes.
 
 With fixed support views radiance depends on the category's point (which reads the pictures) and on
-the instance's point, where the pose's deformation takes it. Baked is the field at instance points;
-each is tied to the category point that the mean deformation of the support poses takes there.
+the instance's point, where the pose's deformation takes it. Baked is the field of category points
+moved by their mean deformation in the support poses. In a pose, a share of the deformation beyond
+the mean moves the place that is looked up, and pixel features move with it, which they should not:
+the share is the one that comes nearest to the field in the support poses.
 """
 
 from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
+from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.baked import BakedActorData
@@ -21,16 +24,17 @@ from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.offset_nodes import (
     Layer,
     OffsetNodes,
-    offset_volume,
-    offsets_at,
     offsets_in_pose,
 )
 from actorsnerf_model.skinning import SkinningVolume, nodes_from_canonical
+from actorsnerf_model.states import FieldValues
 
 POINTS_AT_ONCE = 16384
 """Points through the networks together."""
-TIE_STEPS = 8
-"""Fixed-point steps that find the category point of an instance point."""
+FOLLOWS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+"""Shares of the deformation that are tried."""
+FOLLOW_POINTS = 8192
+"""Points that they are tried on."""
 REACH = 0.25
 """Share of the threshold: where the canonical body's own likelihood is lower, nothing is baked. In
 another pose bones meet other neighbours, so this looks beyond the canonical shell."""
@@ -56,19 +60,11 @@ class BakeReport:
     bytes: int
     """Of the grid."""
     offset_nodes: int
-    tie_error: float
-    """Median distance between an instance point and where its category point goes, metres."""
     slide: float
-    """Root mean square distance between the support poses' offsets and their mean, metres: how far
-    pixel features slide, which is what baking does not follow."""
-
-
-@dataclass(frozen=True)
-class _Tie:
-    """The mean deformation of the support poses."""
-
-    nodes: OffsetNodes
-    volume: Float[Tensor, "z y x 3"]
+    """Root mean square distance of the poses' offsets from their mean, metres: how far pixel
+    features slide under the surface."""
+    follow: float
+    """Share of the deformation beyond the mean that moves the place that is looked up."""
 
 
 @dataclass(frozen=True)
@@ -78,15 +74,15 @@ class _Nodes:
     low: Float[Tensor, "3"]
     asked: Bool[Tensor, "z y x"]
     """Whole bricks and one node more along every axis."""
-    instance: Float[Tensor, "asked 3"]
-    category: Float[Tensor, "asked 3"]
+    points: Float[Tensor, "asked 3"]
+    """Category points, metres."""
 
 
 @torch.no_grad()
 def bake(
     method: ActorsNeRF,
     actor: ActorsNeRFState,
-    poses: Float[Tensor, "poses 24 3"],
+    supports: tuple[View, ...],
     options: BakeOptions,
 ) -> tuple[BakedActorData, BakeReport]:
     """The baked actor, and how well it represents the method's.
@@ -94,50 +90,93 @@ def bake(
     Args:
         method: in evaluation mode.
         actor: its state.
-        poses: over whose deformations category and instance points are tied; the support poses.
+        supports: the views that the state was made of; the mean deformation in their poses ties
+            instance points to category points.
         options: how fine.
     """
-    offsets = _offset_nodes(method, actor, options)
-    tie, slide = None, 0.0
-    if offsets is not None:
-        moved = torch.stack([offsets_in_pose(offsets, pose) for pose in poses])
-        slide = float((moved - moved.mean(0)).square().sum(-1).mean().sqrt())
-        tie = _Tie(offsets, offset_volume(offsets, moved.mean(0)))
-    nodes = _nodes(actor, tie, options)
-    rgb, density = _field(method, actor, nodes)
+    poses = torch.stack([view.pose for view in supports])
+    nodes = _nodes(actor, options)
+    rgb, density = _field(method, actor, poses, nodes)
     grid = _bricks(nodes, rgb, density, options.voxel)
-    tie_error = 0.0
-    if tie is not None:
-        kept = density > LEAST_DENSITY
-        category = nodes.category[kept]
-        missed = category + offsets_at(category, tie.nodes, tie.volume) - nodes.instance[kept]
-        tie_error = float(missed.norm(dim=-1).square().mean().sqrt()) if category.numel() else 0.0
-        offsets = _near(tie.nodes, category)
+    filled = nodes.points[density > LEAST_DENSITY]
+    offsets = _offset_nodes(method, actor, poses, filled, options)
+    slide, follow = 0.0, 0.0
+    if offsets is not None and offsets.nodes.numel():
+        moved = torch.stack([offsets_in_pose(offsets, pose) for pose in poses])
+        slide = float(moved.square().sum(-1).mean().sqrt())
+        follow = _best_follow(method, actor, poses, filled, options.voxel)
+        offsets = _scaled(offsets, follow)
     skinning = replace(actor.body.skinning, weights=actor.body.skinning.weights.half().float())
     joints = actor.body.geometry.canonical_joints
-    data = BakedActorData(joints, skinning, offsets, grid, options.threshold)
+    home = supports[0]
+    data = BakedActorData(
+        joints, skinning, offsets, grid, options.threshold, home.pose, home.rest_joints
+    )
     count = 0 if offsets is None else offsets.nodes.shape[0]
-    return data, BakeReport(grid.codes.shape[0], grid.bytes, count, tie_error, slide)
+    return data, BakeReport(grid.codes.shape[0], grid.bytes, count, slide, follow)
 
 
 def _offset_nodes(
-    method: ActorsNeRF, actor: ActorsNeRFState, options: BakeOptions
+    method: ActorsNeRF,
+    actor: ActorsNeRFState,
+    poses: Float[Tensor, "poses 24 3"],
+    filled: Float[Tensor, "filled 3"],
+    options: BakeOptions,
 ) -> OffsetNodes | None:
-    """The deformation at every node of a cell that the canonical body may touch."""
+    """The deformation at every node of a cell near something."""
     low, high = actor.body.geometry.box
     spacing = options.offset_spacing
     sizes = _sizes(actor.body.geometry.box, spacing)
-    places = _places(low, spacing, sizes)
-    likely = _likelihood(places.reshape(-1, 3), actor.body.skinning).reshape(sizes)
-    kept = _wider(likely >= REACH * options.threshold).reshape(-1).nonzero()[:, 0]
-    points = places.reshape(-1, 3)[kept]
+    kept = _near(filled, low, spacing, sizes).reshape(-1).nonzero()[:, 0]
+    points = _places(low, spacing, sizes).reshape(-1, 3)[kept]
     pieces = [method.deformation_input(actor, part) for part in points.split(POINTS_AT_ONCE)]
     inputs = [piece for piece in pieces if piece is not None]
     if method.deformation is None or not inputs:
         return None
     layers, given = _split_layers(method.deformation, torch.cat(inputs), (high - low) / 2)
     readers = (0, method.deformation.skip)
-    return OffsetNodes(low, spacing, sizes, kept.int(), given, readers, layers)
+    nodes = OffsetNodes(
+        low, spacing, sizes, kept.int(), given, readers, layers, torch.zeros_like(points)
+    )
+    mean = torch.stack([offsets_in_pose(nodes, pose) for pose in poses]).mean(0)
+    return replace(nodes, mean=mean)
+
+
+def _best_follow(
+    method: ActorsNeRF,
+    actor: ActorsNeRFState,
+    poses: Float[Tensor, "poses 24 3"],
+    filled: Float[Tensor, "filled 3"],
+    length: float,
+) -> float:
+    """The share of the deformation that comes nearest to the field in the support poses.
+
+    Following all of it keeps position and body features right, following none of it keeps pixel
+    features right; what matters more depends on the actor, so it is tried on points of it. Compared
+    is what a stretch of the given length (metres) looks like: its colour times its opacity, and
+    its opacity.
+    """
+    stride = -(-filled.shape[0] // FOLLOW_POINTS)
+    points = filled[::stride]
+    error = torch.zeros(len(FOLLOWS))
+    for pose in poses:
+        exact = _look(method.mean_field(actor, points, pose[None]), length)
+        beyond = method.offsets(actor, points, pose[None]) - method.offsets(actor, points, poses)
+        for number, share in enumerate(FOLLOWS):
+            looked_up = method.mean_field(actor, points + share * beyond, poses)
+            error[number] += float((_look(looked_up, length) - exact).square().mean())
+    return FOLLOWS[int(error.argmin())]
+
+
+def _look(values: FieldValues, length: float) -> Float[Tensor, "points 4"]:
+    opacity = -torch.expm1(-values.density.float() * length)[:, None]
+    return torch.cat([values.rgb.float() * opacity, opacity], -1)
+
+
+def _scaled(nodes: OffsetNodes, share: float) -> OffsetNodes:
+    last = nodes.layers[-1]
+    less = Layer(last.weight * share, last.pose, last.bias * share)
+    return replace(nodes, layers=(*nodes.layers[:-1], less), mean=nodes.mean * share)
 
 
 def _split_layers(
@@ -160,41 +199,30 @@ def _split_layers(
     return tuple(layers), torch.stack(given)
 
 
-def _nodes(actor: ActorsNeRFState, tie: _Tie | None, options: BakeOptions) -> _Nodes:
-    """The nodes whose category point the body may touch, and those beside them."""
+def _nodes(actor: ActorsNeRFState, options: BakeOptions) -> _Nodes:
+    """The nodes that the body may touch, and those beside them."""
     box = actor.body.geometry.box
     bricks = [-(-(size - 1) // CELLS) for size in _sizes(box, options.voxel)]
     sizes = (bricks[0] * CELLS + 1, bricks[1] * CELLS + 1, bricks[2] * CELLS + 1)
     likely = []
     for layer in range(sizes[0]):
         points = _places(box[0], options.voxel, sizes, layer).reshape(-1, 3)
-        likely.append(_likelihood(_category_points(points, tie), actor.body.skinning))
-    touched = torch.stack(likely).reshape(sizes) >= REACH * options.threshold
-    asked = _wider(touched)
+        likely.append(_likelihood(points, actor.body.skinning))
+    asked = _wider(torch.stack(likely).reshape(sizes) >= REACH * options.threshold)
     z, y, x = asked.nonzero().unbind(-1)
-    instance = box[0] + torch.stack([x, y, z], -1).to(box) * options.voxel
-    parts = [_category_points(part, tie) for part in instance.split(1 << 18)]
-    return _Nodes(box[0], asked, instance, torch.cat(parts))
-
-
-def _category_points(
-    points: Float[Tensor, "points 3"], tie: _Tie | None
-) -> Float[Tensor, "points 3"]:
-    """The points that the mean deformation takes to given instance points."""
-    category = points
-    for _ in range(TIE_STEPS if tie is not None else 0):
-        assert tie is not None
-        category = points - offsets_at(category, tie.nodes, tie.volume)
-    return category
+    points = box[0] + torch.stack([x, y, z], -1).to(box) * options.voxel
+    return _Nodes(box[0], asked, points)
 
 
 def _field(
-    method: ActorsNeRF, actor: ActorsNeRFState, nodes: _Nodes
+    method: ActorsNeRF,
+    actor: ActorsNeRFState,
+    poses: Float[Tensor, "poses 24 3"],
+    nodes: _Nodes,
 ) -> tuple[Float[Tensor, "asked 3"], Float[Tensor, "asked"]]:
     rgb, density = [], []
-    for first in range(0, nodes.instance.shape[0], POINTS_AT_ONCE):
-        part = slice(first, first + POINTS_AT_ONCE)
-        values = method.tied_field(actor, nodes.category[part], nodes.instance[part])
+    for part in nodes.points.split(POINTS_AT_ONCE):
+        values = method.mean_field(actor, part, poses)
         rgb.append(values.rgb.float())
         density.append(values.density.float())
     return torch.cat(rgb), torch.cat(density)
@@ -222,15 +250,17 @@ def _bricks(
     return BrickGrid(nodes.low, voxel, index, codes, top)
 
 
-def _near(nodes: OffsetNodes, points: Float[Tensor, "points 3"]) -> OffsetNodes:
-    """Only the nodes of cells that hold one of the points, and those beside them."""
-    used = torch.zeros(nodes.sizes, device=points.device)
-    last = torch.tensor(nodes.sizes[::-1], device=points.device) - 1
-    cell = ((points - nodes.low) / nodes.spacing).round().long()
-    x, y, z = cell.clamp(torch.zeros_like(last), last).unbind(-1)
-    used[z, y, x] = 1
-    keep = _wider(_wider(used > 0)).reshape(-1)[nodes.nodes.long()]
-    return replace(nodes, nodes=nodes.nodes[keep], given=nodes.given[:, keep])
+def _near(
+    points: Float[Tensor, "points 3"],
+    low: Float[Tensor, "3"],
+    spacing: float,
+    sizes: tuple[int, int, int],
+) -> Bool[Tensor, "z y x"]:
+    """The nodes of cells that hold one of the points."""
+    used = torch.zeros([size + 1 for size in sizes], device=points.device)
+    x, y, z = ((points - low) / spacing).floor().long().unbind(-1)
+    used[z + 1, y + 1, x + 1] = 1
+    return F.max_pool3d(used[None, None], 2, 1)[0, 0] > 0
 
 
 def _likelihood(

@@ -79,7 +79,12 @@ class Deformation(nn.Module):
             codes: pixel features already through `pixel_code.weight`, without its bias: that is
                 what lets the linear layer run on the feature map, before interpolation.
         """
-        given = self.point_input(points, opened, codes)
+        return self.from_input(self.point_input(points, opened, codes), pose)
+
+    def from_input(
+        self, given: Float[Tensor, "points given"], pose: Float[Tensor, "24 3"]
+    ) -> Float[Tensor, "points 3"]:
+        """The offsets of points in a pose from their `point_input`, which no pose changes."""
         numbers = pose[1:].reshape(POSE_NUMBERS)
         hidden = given[:, :0]
         for i, layer in enumerate(self.hidden):

@@ -44,11 +44,13 @@ class OffsetNodes:
     """Which layers those are."""
     layers: tuple[Layer, ...]
     """Hidden layers, and the last one that gives offsets in metres."""
+    mean: Float[Tensor, "nodes 3"]
+    """Offsets over the poses that the actor was baked in, metres; already in the baked field."""
 
 
 @torch.no_grad()
 def offsets_in_pose(nodes: OffsetNodes, pose: Float[Tensor, "24 3"]) -> Float[Tensor, "nodes 3"]:
-    """Every kept node's offset from the category's canonical space to the instance's, metres.
+    """Every kept node's offset in a pose beyond its mean offset, metres.
 
     Args:
         nodes: of the actor.
@@ -62,7 +64,7 @@ def offsets_in_pose(nodes: OffsetNodes, pose: Float[Tensor, "24 3"]) -> Float[Te
         if number in nodes.readers:
             total = total + nodes.given[nodes.readers.index(number)]
         hidden = F.relu(total) if number + 1 < len(nodes.layers) else total
-    return hidden
+    return hidden - nodes.mean
 
 
 def offset_volume(
