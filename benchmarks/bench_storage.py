@@ -113,7 +113,7 @@ def crops(count: int, keep_background: bool) -> list[Picture]:
         stored = stored_camera(source.cameras[camera], options.scale)
         frames = np.linspace(0, len(source.frames) - 1, count // len(source.cameras)).astype(int)
         for frame in np.unique(frames).tolist():
-            probe = probe_picture(source, lens, stored, camera, frame)
+            probe = probe_picture(source, lens, stored, (camera, frame))
             raw = next(source.reader.read_many(camera, [frame]))
             if probe.box is not None and isinstance(raw, RawPicture):
                 found.append((raw, lens, probe.box))

@@ -40,7 +40,7 @@ def estimate(source: SourceSequence, options: PictureOptions) -> Estimate:
     lens = lens_of(source.cameras[camera])
     stored = stored_camera(source.cameras[camera], options.scale)
     started = time.perf_counter()
-    probes = [probe_picture(source, lens, stored, camera, int(frame)) for frame in frames]
+    probes = [probe_picture(source, lens, stored, (camera, int(frame))) for frame in frames]
     boxes = {probe.frame: probe.box for probe in probes if probe.box is not None}
     sizes: list[int] = []
     if boxes:

@@ -90,12 +90,12 @@ class ImageReader:
     ) -> Iterator[RawPicture | Absent]:
         """One item without a mask per frame index, in order."""
         for frame_index in frame_indices:
-            paths = self.files(camera_index, frame_index)[:1]
-            contents = _contents(paths)
+            path = self._root / self._files[camera_index, frame_index].image
+            contents = _contents([path])
             if isinstance(contents, Absent):
                 yield contents
             else:
-                yield self._picture(camera_index, paths[0], contents[0])
+                yield self._picture(camera_index, path, contents[0])
 
     def _picture(self, camera_index: int, path: Path, content: bytes) -> RawPicture | Absent:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), READ_FLAGS)

@@ -48,7 +48,11 @@ def probe_pictures(task: PictureTask) -> tuple[Probe, ...]:
     """The first pass over the pictures of a task, in order."""
     source = load_job(task.job).source
     lens, stored = load_lens(task.job, task.camera)
-    return tuple(probe_picture(source, lens, stored, task.camera, frame) for frame in task.frames)
+    split = isinstance(source.reader, SplitReader)
+    return tuple(
+        probe_picture(source, lens, stored, (task.camera, frame), keep_mask=split)
+        for frame in task.frames
+    )
 
 
 def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
@@ -60,7 +64,6 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
     outcomes = []
     for frame, crop, found in zip(pictures.frames, task.crops, raw, strict=True):
         place = (pictures.camera, frame)
-        where = str(job.source.reader.files(*place)[0])
         inside, reason = np.nan, ""
         if isinstance(found, Absent):
             outcomes.append(Outcome(*place, None, found.reason, found.where, False))
@@ -70,6 +73,7 @@ def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
         elif task.judge:
             inside, reason = judged_mask(job.source, lens, frame, found.mask)
         if reason:
+            where = str(job.source.reader.files(*place)[0])
             outcomes.append(Outcome(*place, None, reason, where, False, inside))
             continue
         picture = stored_picture(found, lens, crop, job.options)

@@ -21,7 +21,6 @@ from actorsnerf_preprocess.source import (
     MaskProbe,
     SourceCamera,
     SourceSequence,
-    SplitReader,
 )
 
 MARGIN = 2
@@ -66,7 +65,11 @@ class Probe:
 
 
 def probe_picture(
-    source: SourceSequence, lens: Lens, stored: Camera, camera: int, frame: int
+    source: SourceSequence,
+    lens: Lens,
+    stored: Camera,
+    place: tuple[int, int],
+    keep_mask: bool = False,
 ) -> Probe:
     """Where the person is in one picture, or why the picture cannot be used.
 
@@ -74,24 +77,24 @@ def probe_picture(
         source: the sequence.
         lens: of the camera.
         stored: the camera of the stored pictures.
-        camera: index in `source.cameras`.
-        frame: index in `source.frames`.
+        place: indices in `source.cameras` and `source.frames`.
+        keep_mask: for the second pass of a `SplitReader`.
     """
-    found = source.reader.probe(camera, frame)
+    found = source.reader.probe(*place)
     if isinstance(found, Absent):
-        return Probe(camera, frame, None, found.reason, found.where, np.nan, np.nan, False, "")
-    where = str(source.reader.files(camera, frame)[0])
-    rays = _body_rays(source, lens.camera, frame)
+        return Probe(*place, None, found.reason, found.where, np.nan, np.nan, False, "")
+    where = str(source.reader.files(*place)[0])
+    rays = _body_rays(source, lens.camera, place[1])
     body = _body_box(rays, stored)
     inside, reason = _judged(found.mask, rays, lens.camera)
     area = np.nan if found.mask is None else cv2.countNonZero(found.mask) / found.mask.size
     if body is None:
         reason = "body outside the picture"
     if reason or body is None:
-        return Probe(camera, frame, None, reason, where, inside, area, False, found.digest)
+        return Probe(*place, None, reason, where, inside, area, False, found.digest)
     box, stray = _person_box(found, body, lens, stored)
-    packed = packed_mask(found.mask) if isinstance(source.reader, SplitReader) else b""
-    return Probe(camera, frame, box, "", where, inside, area, stray, found.digest, packed)
+    packed = packed_mask(found.mask) if keep_mask else b""
+    return Probe(*place, box, "", where, inside, area, stray, found.digest, packed)
 
 
 def judged_mask(

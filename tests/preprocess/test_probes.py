@@ -29,7 +29,7 @@ def rewrite_mask(source: SourceSequence, change: Callable[[Any], Any]) -> None:
 
 def probe(source: SourceSequence, camera: int = 0, frame: int = 1) -> Any:
     seen = source.cameras[camera]
-    return probe_picture(source, lens_of(seen), stored_camera(seen, 0.5), camera, frame)
+    return probe_picture(source, lens_of(seen), stored_camera(seen, 0.5), (camera, frame))
 
 
 def test_the_box_holds_the_projected_body_and_the_undistorted_mask(source: SourceSequence) -> None:
