@@ -33,6 +33,7 @@ from actorsnerf_model.encoder import (
     support_pictures,
 )
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
+from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.occupancy import occupancy_tables, pose_occupancy
 from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
@@ -66,15 +67,8 @@ class ActorsNeRFConfig:
     """Foreground likelihood below which a cell counts as empty. Rendering with a lower threshold
     than this must not use the occupancy."""
 
-    @property
-    def skinning_nodes(self) -> int:
-        """Nodes of the skinning volume per axis."""
-        if self.skinning.kind == "direct":
-            return self.skinning.resolution
-        return int(2 ** len(self.skinning.channels))
 
-
-class ActorsNeRF(nn.Module):
+class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
     """The method of the paper; implements the `Method` protocol of `states`."""
 
     def __init__(
@@ -89,7 +83,6 @@ class ActorsNeRF(nn.Module):
         super().__init__()
         self.config = config
         self.network_dtype = network_dtype
-        self.prior_frozen = False
         pixel_channels = TRUNK_CHANNELS[config.encoder.trunk] if config.pixel_features else 0
         body_channels = config.sparse.tapped_channels if config.body_features else 0
         self.encoder = (
@@ -109,6 +102,17 @@ class ActorsNeRF(nn.Module):
             else None
         )
         self.radiance = Radiance(config.radiance, pixel_channels, body_channels)
+
+    def parts(self) -> dict[str, nn.Module]:
+        """The parts that have a learning rate of their own; those switched off are absent."""
+        parts = {
+            "encoder": self.encoder,
+            "skinning": self.skinning,
+            "deformation": self.deformation,
+            "sparse": self.sparse,
+            "radiance": self.radiance,
+        }
+        return {name: part for name, part in parts.items() if part is not None}
 
     def freeze_category_prior(self) -> None:
         """Stops encoder and skinning from learning, running statistics included (few-shot)."""
@@ -131,7 +135,7 @@ class ActorsNeRF(nn.Module):
     def geometry(self, view: View) -> ActorGeometry:
         """What follows from the actor's body at rest; keep it, one per actor."""
         sparse = self.config.sparse if self.config.body_features else None
-        return actor_geometry(view, self.config.skinning_nodes, sparse)
+        return actor_geometry(view, self.config.skinning.nodes, sparse)
 
     def category_prior(
         self, supports: tuple[View, ...], geometry: ActorGeometry | None = None
@@ -197,9 +201,9 @@ class ActorsNeRF(nn.Module):
     def _deforms(self, window: float) -> bool:
         return self.deformation is not None and window > 0
 
-    def actor_state(self, supports: tuple[View, ...], window: float) -> ActorsNeRFState:
-        """What depends on the actor alone; differentiable where its parts train."""
-        return self.instance_state(self.category_prior(supports), window)
+    def skinning_residual(self, prior: CategoryPrior) -> Float[Tensor, "25 z y x"]:
+        """Learned logits that were added to the skinning prior."""
+        return prior.body.residual
 
     def pose_state(
         self,

@@ -20,10 +20,16 @@ def posed_frames(
         pose: axis-angle of each joint relative to its parent, radians.
         rest_joints: of this body at rest, metres.
     """
-    local = matrix_from_axis_angle(pose)
+    return chained_frames(matrix_from_axis_angle(pose), rest_joints)
+
+
+def chained_frames(
+    local: Float[Tensor, "*batch 24 3 3"], rest_joints: Float[Tensor, "*batch 24 3"]
+) -> tuple[Float[Tensor, "*batch 24 3 3"], Float[Tensor, "*batch 24 3"]]:
+    """The same from each joint's rotation relative to its parent."""
     rotations: list[Tensor] = [local[..., 0, :, :]]
     places: list[Tensor] = [rest_joints[..., 0, :]]
-    with torch.autocast(pose.device.type, enabled=False):  # half a precision is a centimetre off
+    with torch.autocast(local.device.type, enabled=False):  # half a precision is a centimetre off
         for joint, parent in enumerate(PARENTS[1:], start=1):
             offset = rest_joints[..., joint, :] - rest_joints[..., parent, :]
             rotations.append(rotations[parent] @ local[..., joint, :, :])
@@ -48,9 +54,17 @@ def bone_motions(
 
     Source: HumanNeRF's motion bases, inverted without a solver.
     """
-    rotation, place = posed_frames(pose, rest_joints)
+    return motions_between(*posed_frames(pose, rest_joints), canonical_joints)
+
+
+def motions_between(
+    rotation: Float[Tensor, "*batch 24 3 3"],
+    place: Float[Tensor, "*batch 24 3"],
+    canonical_joints: Float[Tensor, "24 3"],
+) -> tuple[Float[Tensor, "*batch 24 4 4"], Float[Tensor, "*batch 24 4 4"]]:
+    """The motions of `bone_motions` from the posed joints' frames."""
     back = rotation.transpose(-1, -2)
-    with torch.autocast(pose.device.type, enabled=False):
+    with torch.autocast(rotation.device.type, enabled=False):
         returned = (back @ place[..., None])[..., 0]
         carried = (rotation @ canonical_joints[..., None])[..., 0]
     canonical_from_body = _rigid(back, canonical_joints - returned)
@@ -71,4 +85,11 @@ def _rigid(
     return torch.cat([top, bottom], -2)
 
 
-__all__ = ["OBSERVATION_MARGIN", "bone_motions", "observation_bounds", "posed_frames"]
+__all__ = [
+    "OBSERVATION_MARGIN",
+    "bone_motions",
+    "chained_frames",
+    "motions_between",
+    "observation_bounds",
+    "posed_frames",
+]

@@ -3,8 +3,10 @@
 from dataclasses import replace
 
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_model.canonical_networks import CanonicalConfig, MotionConfig, RefinerConfig
 from actorsnerf_model.deformation import DeformationConfig
 from actorsnerf_model.encoder import EncoderConfig
+from actorsnerf_model.humannerf import HumanNeRFConfig
 from actorsnerf_model.radiance import RadianceConfig
 from actorsnerf_model.skinning_decoder import SkinningDecoderConfig
 from actorsnerf_model.sparse_conv import SparseConfig
@@ -39,3 +41,32 @@ TINY = ActorsNeRFConfig(
     radiance=replace(_SOFT, width=64, code=16, octaves=4, density_shift=-5.0),
 )
 """For tests and the demo: seconds."""
+
+HUMANNERF_OFFICIAL = HumanNeRFConfig()
+"""HumanNeRF's released sizes."""
+
+HUMANNERF_SMALL = HumanNeRFConfig(
+    refiner=RefinerConfig(width=128),
+    motion=MotionConfig(width=64, depth=4, skip=2),
+    canonical=CanonicalConfig(
+        width=128, octaves=8, density="softplus", density_scale=100.0, density_shift=-2.0
+    ),
+    skinning=SkinningDecoderConfig(kind="direct"),
+)
+"""As many products a point as `SMALL`'s deformation and rendering networks."""
+
+HUMANNERF_TINY = HumanNeRFConfig(
+    refiner=RefinerConfig(width=32, depth=2),
+    motion=MotionConfig(width=16, depth=3, skip=2, octaves=3),
+    canonical=CanonicalConfig(
+        width=64,
+        depth=4,
+        skip=2,
+        octaves=4,
+        density="softplus",
+        density_scale=100.0,
+        density_shift=-5.0,
+    ),
+    skinning=SkinningDecoderConfig(kind="direct", resolution=16),
+)
+"""For tests."""

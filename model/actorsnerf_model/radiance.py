@@ -6,7 +6,7 @@ layer comes before the mean over views, the mean comes first.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -81,7 +81,9 @@ class Radiance(nn.Module):
         colour = F.relu(self.colour_2(per_view.mean(dim=1)))
         colour = self.colour_out(F.relu(self.colour_3(colour)))
         raw = self.density_out(density)[:, 0]
-        return torch.sigmoid(colour.to(points.dtype)), self._density(raw.to(points.dtype))
+        return torch.sigmoid(colour.to(points.dtype)), positive_density(
+            raw.to(points.dtype), self.config
+        )
 
     def _joined(
         self,
@@ -105,10 +107,31 @@ class Radiance(nn.Module):
             total = total + F.linear(seen, weight[:, -self.config.code :])
         return total
 
-    def _density(self, raw: Float[Tensor, "points"]) -> Float[Tensor, "points"]:
-        shifted = raw + self.config.density_shift
-        positive = F.relu(shifted) if self.config.density == "relu" else F.softplus(shifted)
-        return positive * self.config.density_scale
+
+@runtime_checkable
+class DensityConfig(Protocol):
+    """How a raw output becomes a density."""
+
+    @property
+    def density(self) -> Literal["relu", "softplus"]:
+        """What makes it non-negative."""
+
+    @property
+    def density_scale(self) -> float:
+        """1/metre for one unit of activation."""
+
+    @property
+    def density_shift(self) -> float:
+        """Added to the raw density."""
+
+
+def positive_density(
+    raw: Float[Tensor, "points"], config: DensityConfig
+) -> Float[Tensor, "points"]:
+    """The density, 1/metre, of a network's raw output."""
+    shifted = raw + config.density_shift
+    positive = F.relu(shifted) if config.density == "relu" else F.softplus(shifted)
+    return positive * config.density_scale
 
 
 def _two_inputs(

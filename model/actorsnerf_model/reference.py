@@ -62,7 +62,8 @@ def reference_render_pixels(
         length = step * rays.directions.norm(dim=-1)
         opacity = 1 - torch.exp(-density[:, sample] * length)
         if options.soft_mask:
-            opacity = opacity * likelihood[:, sample]
+            # Two bones can claim one point, so likelihoods go beyond 1; opacities must not.
+            opacity = (opacity * likelihood[:, sample]).clamp(max=1)
         weight = light * opacity
         light = light * (1 - opacity)
         colour = colour + weight[:, None] * rgb[:, sample]

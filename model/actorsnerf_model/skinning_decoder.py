@@ -28,6 +28,13 @@ class SkinningDecoderConfig:
     resolution: int = 32
     """Nodes per axis (direct)."""
 
+    @property
+    def nodes(self) -> int:
+        """Nodes of the volume per axis."""
+        if self.kind == "direct":
+            return self.resolution
+        return int(2 ** len(self.channels))
+
 
 class ConvolutionalSkinning(nn.Module):
     """The released decoder: a learned constant through transposed convolutions."""

@@ -1,6 +1,16 @@
+from dataclasses import replace
+
 import pytest
 
-from actorsnerf_train.config import PresetName, Rates, fewshot, from_scratch, pretraining
+from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_train.config import (
+    PresetName,
+    Rates,
+    fewshot,
+    from_scratch,
+    humannerf,
+    pretraining,
+)
 from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import count, open_bands
 
@@ -31,7 +41,7 @@ def test_presets_differ_in_sizes_not_in_the_method(preset: PresetName) -> None:
     squared_error = 3.0 if preset.startswith("small") else 0.2
     assert pre.losses == LossWeights(1.0, squared_error, 0.01)
     assert few.losses == LossWeights(1.0, squared_error, 0.0)
-    octaves = pre.model.deformation_net.octaves
+    octaves = pre.actorsnerf.deformation_net.octaves
     assert open_bands(pre.schedule, 0, octaves) == 0
     assert open_bands(pre.schedule, pre.schedule.steps // 2, octaves) == octaves
     assert open_bands(few.schedule, 0, octaves) == octaves
@@ -42,3 +52,17 @@ def test_from_scratch_everything_learns_from_count_zero() -> None:
     assert config.schedule.steps == fewshot("small").schedule.steps
     assert (config.schedule.first_count, config.freeze_category) == (0, False)
     assert config.losses == pretraining("small").losses
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_baseline_learns_on_equal_terms(preset: PresetName) -> None:
+    """Same pictures, steps, rates, patches and background; its own networks, mask and losses."""
+    baseline, ours = humannerf(preset), from_scratch(fewshot(preset))
+    assert (baseline.method, baseline.stage) == ("humannerf", "fewshot")
+    assert isinstance(baseline.model, HumanNeRFConfig)
+    assert (baseline.render.soft_mask, ours.render.soft_mask) == (True, False)
+    assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
+    for name in ("schedule", "patches", "rates", "seed", "precision"):
+        assert getattr(baseline, name) == getattr(ours, name)
+    assert replace(baseline.render, soft_mask=False) == ours.render
+    assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses

@@ -8,6 +8,10 @@ import pytest
 import torch
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_model.humannerf import HumanNeRFState
+from actorsnerf_model.presets import HUMANNERF_TINY
+from actorsnerf_model.render import render
+from actorsnerf_train.batches import camera_of
 from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.options import Changes, Resources
@@ -60,8 +64,8 @@ def test_the_deformation_moves_points_at_the_end(fewshot_run: Path, category_run
     state, deformation = trained.state, trained.method.deformation  # type: ignore[attr-defined]  # ActorsNeRF
     assert state.window > 0
     points = torch.rand(50, 3, generator=torch.Generator().manual_seed(3)) * 2 - 1
-    octaves = trained.config.model.deformation_net.octaves
-    views, code = trained.config.model.views, trained.config.model.deformation_net.code
+    octaves = trained.config.actorsnerf.deformation_net.octaves
+    views, code = trained.config.model.views, trained.config.actorsnerf.deformation_net.code
     offsets = deformation(points, float(octaves), torch.zeros(24, 3), torch.zeros(50, views, code))
     assert offsets.abs().mean() > 1e-5
 
@@ -81,6 +85,40 @@ def test_from_scratch_is_asked_by_name_and_trains_everything(options: FewshotOpt
     info = load_checkpoint(run_fewshot(scratch)).info
     assert info.origin.category_digest is None
     assert info.configuration["freeze_category"] is False
+
+
+def test_humannerf_learns_resumes_and_renders_without_its_file(
+    options: FewshotOptions, tmp_path: Path
+) -> None:
+    alone = replace(options, category="scratch", method="humannerf", preset="tiny")
+    whole = load_checkpoint(run_fewshot(alone))
+    assert (whole.info.method, whole.info.step) == ("humannerf", 6)
+    assert {name.split(".")[0] for name in whole.part("model")} == {
+        "skinning",
+        "refiner",
+        "motion",
+        "canonical",
+    }
+    (alone.run / "checkpoints" / "latest").write_text("step_000003\n")  # as if killed after step 3
+    for path in (alone.run / "checkpoints").glob("step_000006.*"):
+        path.unlink()
+    again = load_checkpoint(run_fewshot(alone))
+    assert again.info.tensors_sha256 == whole.info.tensors_sha256
+    trained = load_trained(alone.run, torch.device("cpu"))
+    state = trained.state
+    assert isinstance(state, HumanNeRFState)
+    assert state.window == HUMANNERF_TINY.motion.octaves if HUMANNERF_TINY.motion else 0
+    view = trained.supports[0]
+    pose = trained.method.pose_state(state, view.pose, view.rest_joints)
+    picture = render(trained.method, state, pose, camera_of(view), trained.config.render)
+    assert picture.rgb.isfinite().all()
+    assert picture.counts.survivors > 0
+
+
+def test_humannerf_has_no_category(options: FewshotOptions) -> None:
+    with pytest.raises(CheckpointError, match="but humannerf is asked, which learns one person"):
+        run_fewshot(replace(options, method="humannerf"))
+    assert not options.run.exists()
 
 
 def test_a_checkpoint_of_another_preset_is_refused(options: FewshotOptions) -> None:

@@ -91,7 +91,7 @@ def test_training_lowers_the_loss(
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert [line["step"] for line in lines] == [4, 8, 12, 16]
     assert lines[-1]["loss"] < 0.9 * lines[0]["loss"]
-    assert lines[-1]["open_bands"] == config.model.deformation_net.octaves
+    assert lines[-1]["open_bands"] == config.actorsnerf.deformation_net.octaves
     assert (tmp_path / "pictures" / "step_000016.png").is_file()
 
 

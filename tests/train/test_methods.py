@@ -8,7 +8,7 @@ import torch
 from actorsnerf_datasets.torch_dataset import Sample
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.loop import Training
-from actorsnerf_train.methods import build_method, know_actor, parts_of, step_state, window_at
+from actorsnerf_train.methods import actorsnerf, build_method, know_actor, step_state, window_at
 
 CPU = torch.device("cpu")
 
@@ -34,10 +34,10 @@ def test_first_weights_depend_on_the_seed_alone(config: TrainConfig) -> None:
 
 def test_parts_cover_the_method_and_those_switched_off_are_absent(config: TrainConfig) -> None:
     method = build_method(config, CPU)
-    inside = {id(p) for part in parts_of(method).values() for p in part.parameters()}
+    inside = {id(p) for part in method.parts().values() for p in part.parameters()}
     assert inside == {id(p) for p in method.parameters()}
-    bare = replace(config.model, deformation=False, body_features=False)
-    assert set(parts_of(build_method(replace(config, model=bare), CPU))) == {
+    bare = replace(config.actorsnerf, deformation=False, body_features=False)
+    assert set(build_method(replace(config, model=bare), CPU).parts()) == {
         "encoder",
         "skinning",
         "radiance",
@@ -45,7 +45,7 @@ def test_parts_cover_the_method_and_those_switched_off_are_absent(config: TrainC
 
 
 def test_window_opens_as_the_schedule_says(config: TrainConfig) -> None:
-    octaves = config.model.deformation_net.octaves
+    octaves = config.actorsnerf.deformation_net.octaves
     assert window_at(config, 0) == 0
     assert window_at(config, config.schedule.steps - 1) == octaves
 
@@ -70,7 +70,7 @@ def test_with_the_category_frozen_its_maps_are_made_once(
 def test_residual_is_the_mean_over_voxels_of_the_channels_absolute_sum(
     config: TrainConfig, sample: Sample
 ) -> None:
-    method = build_method(config, CPU).train()
+    method = actorsnerf(build_method(config, CPU))
     state, residual = step_state(method, sample.supports, know_actor(method, sample.supports), 0.0)
     logits = state.body.residual
     voxels = logits[0].numel()

@@ -10,7 +10,7 @@ from actorsnerf_train.batches import at_pixels, jitter_generator, on_background
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.loop import Training
 from actorsnerf_train.losses import LossWeights
-from actorsnerf_train.methods import KnownActor, know_actor
+from actorsnerf_train.methods import KnownActor, actorsnerf, know_actor
 from actorsnerf_train.objective import Objective, Outcome
 
 CPU = torch.device("cpu")
@@ -83,7 +83,7 @@ def test_opacity_is_told_on_and_beside_the_person(
 def test_an_actor_of_no_density_costs_the_pictures_square(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
-    method = training.method
+    method = actorsnerf(training.method)
     with torch.no_grad():
         method.radiance.density_out.weight.zero_()
         method.radiance.density_out.bias.fill_(-1e4)

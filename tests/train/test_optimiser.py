@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from actorsnerf_train.config import TrainConfig, fewshot
-from actorsnerf_train.methods import build_method, parts_of
+from actorsnerf_train.methods import build_method
 from actorsnerf_train.optimiser import BASE_RATE, adam, set_rates
 from actorsnerf_train.schedule import Schedule
 
@@ -18,7 +18,7 @@ OFFICIAL = {
 
 def test_every_parameter_is_in_the_group_of_its_part(config: TrainConfig) -> None:
     method = build_method(config, CPU)
-    parts = parts_of(method)
+    parts = method.parts()
     assert set(parts) == set(OFFICIAL)
     optimiser = adam(parts, fewshot("official").rates)
     rates = {id(p): group["lr"] for group in optimiser.param_groups for p in group["params"]}
@@ -30,7 +30,7 @@ def test_every_parameter_is_in_the_group_of_its_part(config: TrainConfig) -> Non
 def test_frozen_parts_are_in_no_group(config: TrainConfig) -> None:
     method = build_method(config, CPU)
     method.freeze_category_prior()
-    optimiser = adam(parts_of(method), config.rates)
+    optimiser = adam(method.parts(), config.rates)
     trained = {id(p) for group in optimiser.param_groups for p in group["params"]}
     for name, parameter in method.named_parameters():
         frozen = name.split(".")[0] in ("encoder", "skinning")
@@ -38,7 +38,7 @@ def test_frozen_parts_are_in_no_group(config: TrainConfig) -> None:
 
 
 def test_rates_follow_the_schedule(config: TrainConfig) -> None:
-    optimiser = adam(parts_of(build_method(config, CPU)), config.rates)
+    optimiser = adam(build_method(config, CPU).parts(), config.rates)
     factor = set_rates(optimiser, Schedule(10, 0, 500_000), 5)
     assert factor == pytest.approx(0.1**0.5)
     for group in optimiser.param_groups:

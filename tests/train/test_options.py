@@ -41,7 +41,7 @@ def test_changes_arrive_where_they_belong() -> None:
 def test_supports_and_renderings_stand_on_one_ground() -> None:
     config = on_ground(pretraining("tiny"), (1.0, 1.0, 1.0))
     assert config.render.background == (1.0, 1.0, 1.0)
-    assert config.model.encoder.background == (1.0, 1.0, 1.0)
+    assert config.actorsnerf.encoder.background == (1.0, 1.0, 1.0)
 
 
 def test_without_weights_nothing_is_called_lpips(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,17 +4,27 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
-from actorsnerf_model.presets import OFFICIAL, SMALL, SMALL_VGG, TINY
+from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_model.presets import (
+    HUMANNERF_OFFICIAL,
+    HUMANNERF_SMALL,
+    HUMANNERF_TINY,
+    OFFICIAL,
+    SMALL,
+    SMALL_VGG,
+    TINY,
+)
 from actorsnerf_model.states import RenderOptions
 from actorsnerf_train.checkpoint import Stage
 from actorsnerf_train.health import HealthLimits
 from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import Schedule
 
-PartName = Literal["encoder", "skinning", "deformation", "sparse", "radiance"]
+PartName = Literal["encoder", "skinning", "refiner", "deformation", "sparse", "radiance"]
 PresetName = Literal["official", "small", "small-vgg", "tiny"]
 Precision = Literal["float32", "bfloat16", "float16"]
-MethodName = Literal["actorsnerf"]
+MethodName = Literal["actorsnerf", "humannerf"]
+MethodConfig = ActorsNeRFConfig | HumanNeRFConfig
 FEWSHOT_FIRST_COUNT = 100_000
 """The released code's few-shot fitting begins at this iteration count, the decay included."""
 
@@ -35,8 +45,10 @@ class Rates:
     radiance: float = 5e-4
     scale: float = 1.0
     """All of them times this."""
+    refiner: float = 5e-5
+    """HumanNeRF's pose refiner (its released code)."""
 
-    def of(self, part: PartName) -> float:
+    def of(self, part: str) -> float:
         """The base rate of a part, scaled.
 
         >>> Rates(scale=0.5).of("skinning")
@@ -75,7 +87,7 @@ class TrainConfig:
     preset: PresetName
     schedule: Schedule
     method: MethodName = "actorsnerf"
-    model: ActorsNeRFConfig = field(default_factory=ActorsNeRFConfig)
+    model: MethodConfig = field(default_factory=ActorsNeRFConfig)
     render: RenderOptions = field(default_factory=RenderOptions)
     freeze_category: bool = False
     """Encoder and skinning stand still, computed once (few-shot fitting; paper, section 4.1)."""
@@ -92,6 +104,12 @@ class TrainConfig:
     seed: int = 0
     every: Every = field(default_factory=Every)
     health: HealthLimits = field(default_factory=HealthLimits)
+
+    @property
+    def actorsnerf(self) -> ActorsNeRFConfig:
+        """The model's configuration, which must be of ActorsNeRF."""
+        assert isinstance(self.model, ActorsNeRFConfig), self.method
+        return self.model
 
 
 def pretraining(preset: PresetName) -> TrainConfig:
@@ -142,6 +160,30 @@ def fewshot(preset: PresetName) -> TrainConfig:
             steps, patches = 200, Patches(count=2)
     schedule = Schedule(steps, FEWSHOT_FIRST_COUNT, 400_000)
     return replace(base, schedule=schedule, patches=patches)
+
+
+def humannerf(preset: PresetName) -> TrainConfig:
+    """The fitting of HumanNeRF to one actor's pictures; it has no category to begin from.
+
+    As ActorsNeRF from scratch with the same preset, but for the networks, the soft mask and the
+    regulariser, which HumanNeRF lacks. Its released code also draws a random background for every
+    picture; here all methods learn on the same one.
+    """
+    base = from_scratch(fewshot(preset))
+    match preset:
+        case "official":
+            model = HUMANNERF_OFFICIAL
+        case "small" | "small-vgg":
+            model = HUMANNERF_SMALL
+        case "tiny":
+            model = HUMANNERF_TINY
+    return replace(
+        base,
+        method="humannerf",
+        model=model,
+        render=replace(base.render, soft_mask=True),
+        losses=replace(base.losses, skinning=0.0),
+    )
 
 
 def from_scratch(config: TrainConfig) -> TrainConfig:

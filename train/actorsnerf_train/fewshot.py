@@ -15,7 +15,14 @@ from actorsnerf_train.checkpoint import (
     Origin,
     load_checkpoint,
 )
-from actorsnerf_train.config import PresetName, TrainConfig, fewshot, from_scratch
+from actorsnerf_train.config import (
+    MethodName,
+    PresetName,
+    TrainConfig,
+    fewshot,
+    from_scratch,
+    humannerf,
+)
 from actorsnerf_train.data_files import background_of, check_files, describe_file, refuse_leakage
 from actorsnerf_train.distributed import local_device, team
 from actorsnerf_train.loop import Training, train
@@ -54,6 +61,8 @@ class FewshotOptions:
     file has it."""
     study: str | None = None
     """Named protocol of the file, where it has several."""
+    method: MethodName = "actorsnerf"
+    """humannerf: the per-person baseline, with --from scratch only."""
     preset: PresetName | None = None
     """official, small, small-vgg or tiny; the category training's if left out."""
     change: Changes = field(default_factory=Changes)
@@ -129,8 +138,15 @@ def setting_of(source: FewshotDataset) -> FewshotSetting:
 
 def _config(options: FewshotOptions, category: Checkpoint | None) -> TrainConfig:
     if category is None:
-        config = from_scratch(changed(fewshot(options.preset or "small"), options.change))
-        return on_ground(config, background_of((options.data,)))
+        preset = options.preset or "small"
+        alone = options.method == "humannerf"
+        config = humannerf(preset) if alone else from_scratch(fewshot(preset))
+        return on_ground(changed(config, options.change), background_of((options.data,)))
+    if options.method != category.info.method:
+        raise CheckpointError(
+            f"{category.path}: is of a category of {category.info.method}, but {options.method} is "
+            f"asked, which learns one person alone: give --from scratch."
+        )
     where = f"{category.path}: configuration"
     trained = from_json(TrainConfig, category.info.configuration, where)
     if options.preset not in (None, trained.preset):

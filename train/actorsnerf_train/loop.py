@@ -11,7 +11,6 @@ import torch
 from tqdm import tqdm
 
 from actorsnerf_datasets.torch_dataset import Sample, View
-from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_train.batches import SampleSource, Share, jitter_generator, sample_stream, sample_to
 from actorsnerf_train.checkpoint import checkpoint_path
 from actorsnerf_train.distributed import Team, gathering, shared
@@ -19,7 +18,7 @@ from actorsnerf_train.health import Health
 from actorsnerf_train.journal import Journal
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.means import Means
-from actorsnerf_train.methods import KnownActor, know_actor, parts_of, window_at
+from actorsnerf_train.methods import AnyMethod, KnownActor, know_actor, window_at
 from actorsnerf_train.objective import Objective, Outcome
 from actorsnerf_train.optimiser import adam, set_rates
 from actorsnerf_train.pictures import write_png
@@ -36,7 +35,7 @@ class Training:
     """A training that is ready to begin."""
 
     folder: RunFolder
-    method: ActorsNeRF
+    method: AnyMethod
     """On the device, with the weights to begin from."""
     source: SampleSource
     perceptual: Perceptual
@@ -88,7 +87,7 @@ def train(training: Training) -> Path:
     return checkpoint_path(training.folder.path)
 
 
-def known_actor(actors: dict[bytes, KnownActor], method: ActorsNeRF, sample: Sample) -> KnownActor:
+def known_actor(actors: dict[bytes, KnownActor], method: AnyMethod, sample: Sample) -> KnownActor:
     """What is kept of the sample's actor; two sequences of one person differ in shape a little."""
     shape = sample.target.canonical_joints.cpu().numpy().tobytes()
     if shape not in actors:
@@ -135,7 +134,7 @@ def _learner(training: Training) -> Learner:
     method.train()
     if config.freeze_category:
         method.freeze_category_prior()
-    optimiser = adam(parts_of(method), config.rates)
+    optimiser = adam(method.parts(), config.rates)
     scaler = torch.amp.GradScaler(training.device.type, enabled=config.precision == "float16")
     return Learner(method, optimiser, scaler, training.supports)
 

@@ -7,13 +7,12 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from actorsnerf_datasets.torch_dataset import Sample
-from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.rays import rays_through
 from actorsnerf_model.render import render_pixels
 from actorsnerf_model.states import Counts, RenderOptions
 from actorsnerf_train.batches import at_pixels, camera_of, on_background
 from actorsnerf_train.losses import Losses, LossWeights, Perceptual, training_losses
-from actorsnerf_train.methods import KnownActor, step_state
+from actorsnerf_train.methods import AnyMethod, KnownActor, step_state
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Objective(nn.Module):
 
     def __init__(
         self,
-        method: ActorsNeRF,
+        method: AnyMethod,
         perceptual: Perceptual,
         weights: LossWeights,
         options: RenderOptions,

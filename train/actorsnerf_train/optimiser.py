@@ -3,14 +3,14 @@
 import torch
 from torch import nn
 
-from actorsnerf_train.config import PartName, Rates
+from actorsnerf_train.config import Rates
 from actorsnerf_train.schedule import Schedule, rate_factor
 
 BASE_RATE = "base_rate"
 """Where a parameter group keeps its rate before decay."""
 
 
-def adam(parts: dict[PartName, nn.Module], rates: Rates) -> torch.optim.Adam:
+def adam(parts: dict[str, nn.Module], rates: Rates) -> torch.optim.Adam:
     """Adam over all parameters that take gradients, one group a part.
 
     Released code: betas (0.9, 0.999), no weight decay, no gradient clipping.

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
+from actorsnerf_model.actorsnerf import ActorsNeRFConfig
 from actorsnerf_train.config import Precision, TrainConfig
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
@@ -67,12 +68,10 @@ def changed(config: TrainConfig, changes: Changes) -> TrainConfig:
 
 def on_ground(config: TrainConfig, colour: tuple[float, float, float]) -> TrainConfig:
     """The configuration with every picture, seen or rendered, on one background colour."""
-    encoder = replace(config.model.encoder, background=colour)
-    return replace(
-        config,
-        model=replace(config.model, encoder=encoder),
-        render=replace(config.render, background=colour),
-    )
+    model = config.model
+    if isinstance(model, ActorsNeRFConfig):
+        model = replace(model, encoder=replace(model.encoder, background=colour))
+    return replace(config, model=model, render=replace(config.render, background=colour))
 
 
 def ready_perceptual(files: LpipsFiles) -> Perceptual:

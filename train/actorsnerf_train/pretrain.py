@@ -8,11 +8,11 @@ from actorsnerf_datasets.torch_dataset import PretrainingDataset
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
 from actorsnerf_model.pretrained import TrunkOrigin, load_trunk
 from actorsnerf_train.checkpoint import Origin
-from actorsnerf_train.config import MethodName, PresetName, TrainConfig, pretraining
+from actorsnerf_train.config import PresetName, TrainConfig, pretraining
 from actorsnerf_train.data_files import background_of, check_files, describe_file, training_files
 from actorsnerf_train.distributed import local_device, team
 from actorsnerf_train.loop import Training, train
-from actorsnerf_train.methods import build_method
+from actorsnerf_train.methods import actorsnerf, build_method
 from actorsnerf_train.options import (
     Changes,
     Resources,
@@ -39,8 +39,6 @@ class PretrainOptions:
     """Folder for checkpoints, log, curves and sample pictures."""
     preset: PresetName = "small"
     """official: the paper's sizes; small: two CPU cores, within the hour; tiny: seconds."""
-    method: MethodName = "actorsnerf"
-    """What is trained."""
     without: tuple[Part, ...] = ()
     """Parts to leave out, as in the paper's ablations."""
     trunk: Literal["resnet18", "vgg16"] | None = None
@@ -71,7 +69,8 @@ def run_pretrain(options: PretrainOptions) -> Path:
             _config(options, paths), perceptual=perceptual.name, processes=together.processes
         )
         method = build_method(config, device)
-        trunk = None if method.encoder is None else load_trunk(method.encoder, options.trunk_file)
+        encoder = actorsnerf(method).encoder
+        trunk = None if encoder is None else load_trunk(encoder, options.trunk_file)
         folder = RunFolder(
             path=options.run,
             config=config,
@@ -95,7 +94,7 @@ def run_pretrain(options: PretrainOptions) -> Path:
 
 def _config(options: PretrainOptions, paths: tuple[Path, ...]) -> TrainConfig:
     preset = changed(pretraining(options.preset), options.change)
-    config = replace(preset, method=options.method, model=_model(preset.model, options))
+    config = replace(preset, model=_model(preset.actorsnerf, options))
     return on_ground(config, background_of(paths))
 
 

@@ -8,7 +8,6 @@ from torch import Tensor, nn
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import support_tensors
-from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_train.checkpoint import (
     FORMAT,
     FORMAT_VERSION,
@@ -21,6 +20,7 @@ from actorsnerf_train.checkpoint import (
     save_checkpoint,
 )
 from actorsnerf_train.machine import program_commit
+from actorsnerf_train.methods import AnyMethod
 from actorsnerf_train.records import to_json_object
 from actorsnerf_train.run_folder import RunFolder, package_versions
 
@@ -32,7 +32,7 @@ KEPT = 2
 class Learner:
     """A method with its optimiser."""
 
-    method: ActorsNeRF
+    method: AnyMethod
     optimiser: torch.optim.Optimizer
     scaler: torch.amp.GradScaler
     """Does nothing but in float16."""
@@ -107,7 +107,7 @@ def restore(folder: RunFolder, learner: Learner, write: bool) -> tuple[int, floa
     return checkpoint.info.step, checkpoint.info.seconds
 
 
-def load_model(method: ActorsNeRF, checkpoint: Checkpoint) -> None:
+def load_model(method: AnyMethod, checkpoint: Checkpoint) -> None:
     """Fill a method with a checkpoint's weights.
 
     Raises:

@@ -4,16 +4,15 @@ import torch
 
 from actorsnerf_datasets.torch_dataset import Sample
 from actorsnerf_datasets.types import UInt8
-from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.render import render
 from actorsnerf_model.states import RenderOptions
 from actorsnerf_train.batches import camera_of, on_background
-from actorsnerf_train.methods import KnownActor, step_state
+from actorsnerf_train.methods import AnyMethod, KnownActor, step_state
 from actorsnerf_train.pictures import error_picture, strip, to_bytes
 
 
 def snapshot(
-    method: ActorsNeRF, sample: Sample, known: KnownActor, window: float, options: RenderOptions
+    method: AnyMethod, sample: Sample, known: KnownActor, window: float, options: RenderOptions
 ) -> UInt8:
     """The strip (H, W, 3): the sample's whole target, what the method makes of it, the error.
 

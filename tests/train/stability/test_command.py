@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from actorsnerf_train.__main__ import main
+from actorsnerf_train.stability import command
 from actorsnerf_train.stability.bench import Bench
 from actorsnerf_train.stability.case import Case
 from actorsnerf_train.stability.cases_light import light_cases

@@ -18,7 +18,7 @@ from actorsnerf_train.batches import view_to
 from actorsnerf_train.checkpoint import Checkpoint, load_checkpoint
 from actorsnerf_train.config import PresetName, TrainConfig, pretraining
 from actorsnerf_train.invented_actor import invented_views
-from actorsnerf_train.methods import build_method
+from actorsnerf_train.methods import actorsnerf, build_method
 from actorsnerf_train.records import from_json
 from actorsnerf_train.saving import load_model
 from actorsnerf_train.stability.case import PRECISIONS, Precision, Subject
@@ -64,7 +64,9 @@ def make_bench(
     """
     checkpoint = None if run is None else load_checkpoint(run)
     config = pretraining(preset) if checkpoint is None else _config(checkpoint)
-    method = build_method(config, device)
+    if config.method != "actorsnerf":
+        raise UserError(f"{run}: is of {config.method}; the hard cases are for actorsnerf.")
+    method = actorsnerf(build_method(config, device))
     if checkpoint is None:
         _awaken(method)
     else:
@@ -122,7 +124,7 @@ def _subject(
     own = copy.deepcopy(method).to(dtype)
     own.network_dtype = torch.bfloat16 if precision == "bfloat16" else torch.float32
     views = tuple(view_as(view, dtype) for view in supports)
-    window = float(config.model.deformation_net.octaves)
+    window = float(config.actorsnerf.deformation_net.octaves)
     with torch.no_grad():
         state = own.actor_state(views, window)
     options = replace(config.render, stop_transmittance=0.0)

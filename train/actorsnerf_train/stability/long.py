@@ -36,7 +36,7 @@ def long_row(config: TrainConfig, steps: int, folder: Path, device: torch.device
     patches = (config.patches.count, config.patches.side)
     source = InventedSource(config.model.views, patches, SIZE)
     data = (DataFile("invented", "invented", "invented", "0" * 64),)
-    origin = Origin(config.model.encoder.trunk, False, None, None, ())
+    origin = Origin(config.actorsnerf.encoder.trunk, False, None, None, ())
     training = Training(
         folder=RunFolder(folder, config, data, None, origin),
         method=build_method(config, device),

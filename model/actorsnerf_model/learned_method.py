@@ -1,0 +1,81 @@
+"""What both trainings need of a method beyond rendering: parts that learn, and states in stages.
+
+    view -> geometry -> category prior -> instance state
+
+Geometry never learns. The category prior is made of the parts that few-shot fitting freezes, so it
+is made once there and each step elsewhere. The instance state is made anew whenever weights change.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Generic, TypeVar
+
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.states import FieldValues, Located, PoseState
+
+Geometry = TypeVar("Geometry")
+Prior = TypeVar("Prior")
+State = TypeVar("State")
+
+
+class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
+    """A method that can be trained; keeps the contract of `states.Method`."""
+
+    prior_frozen: bool = False
+    """Whether the category-level parts stand still."""
+
+    @abstractmethod
+    def parts(self) -> dict[str, nn.Module]:
+        """The parts that have a learning rate of their own; those switched off are absent."""
+
+    @abstractmethod
+    def freeze_category_prior(self) -> None:
+        """Stops the category-level parts from learning, running statistics included."""
+
+    @abstractmethod
+    def geometry(self, view: View) -> Geometry:
+        """What follows from the actor's body at rest; keep it, one per actor."""
+
+    @abstractmethod
+    def category_prior(self, supports: tuple[View, ...], geometry: Geometry | None = None) -> Prior:
+        """What the category-level parts make of an actor.
+
+        Args:
+            supports: the K support views.
+            geometry: of their actor, where it was kept.
+        """
+
+    @abstractmethod
+    def instance_state(self, prior: Prior, window: float) -> State:
+        """The whole state from a category prior.
+
+        Args:
+            prior: of the same weights.
+            window: open bands of the deformation's encoding; <= 0 leaves the deformation out.
+        """
+
+    @abstractmethod
+    def skinning_residual(self, prior: Prior) -> Float[Tensor, "25 z y x"]:
+        """Learned logits that were added to the skinning prior; a regulariser pulls them to 0."""
+
+    def actor_state(self, supports: tuple[View, ...], window: float) -> State:
+        """What depends on the actor alone; differentiable where its parts train."""
+        return self.instance_state(self.category_prior(supports), window)
+
+    @abstractmethod
+    def pose_state(
+        self, actor: State, pose: Float[Tensor, "24 3"], rest_joints: Float[Tensor, "24 3"]
+    ) -> PoseState:
+        """What depends on the pose alone."""
+
+    @abstractmethod
+    def locate(
+        self, actor: State, pose: PoseState, points: Float[Tensor, "points 3"], threshold: float
+    ) -> Located:
+        """The points (body frame) whose likelihood reaches the threshold, in canonical space."""
+
+    @abstractmethod
+    def field(self, actor: State, pose: PoseState, located: Located) -> FieldValues:
+        """Colour and density at located points."""
