@@ -11,7 +11,7 @@ BODY_MODEL ?=
 DEMO ?= data/demo
 SOURCE ?=
 
-.PHONY: help setup prepare inspect pretrain fewshot evaluate render stability report demo test test-all check format lint types wheel bench clean
+.PHONY: help setup prepare inspect pretrain fewshot evaluate render bake stability report demo test test-all check format lint types wheel bench clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -36,6 +36,9 @@ evaluate: setup  ## unseen poses and views: RUN= DATA=FILE
 
 render: setup  ## a turntable of a fitted actor: RUN=
 	@$(PY) -m actorsnerf_train render --checkpoint "$(RUN)" --out "$(RUN)/turntable"
+
+bake: setup  ## a fitted actor as one small file for fast rendering: RUN= [VOXEL=metres]
+	@$(PY) -m actorsnerf_train bake --checkpoint "$(RUN)" --out "$(RUN)/actor.safetensors" $(if $(VOXEL),--voxel $(VOXEL))
 
 stability: setup  ## hard cases on a checkpoint, or on an invented actor: [RUN= STABILITY=]
 	@$(PY) -m actorsnerf_train stability $(if $(RUN),--run "$(RUN)") --out "$(or $(STABILITY),data/stability)"

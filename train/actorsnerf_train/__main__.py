@@ -1,4 +1,4 @@
-"""The command line: pretrain, fewshot, evaluate, render, stability, report."""
+"""The command line: pretrain, fewshot, evaluate, render, bake, stability, report."""
 
 import inspect
 import os
@@ -12,6 +12,7 @@ import tyro
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.allocator import keep_memory
 from actorsnerf_train.animate import AnimateOptions, run_render
+from actorsnerf_train.bake import BakeCommand, run_bake
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
@@ -24,6 +25,7 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   fewshot    fit one unseen actor from a few of its pictures
   evaluate   measure the fitted actor in unseen poses and views
   render     turntables, new poses, meshes; needs no data file
+  bake       one small file that evaluate and render take too, drawn many times a second
   stability  try hard cases on any checkpoint; a table of errors and verdicts
   report     what each named saving gains in time and costs in error, measured
 
@@ -50,6 +52,7 @@ Options = (
     ]
     | Annotated[EvaluateOptions, tyro.conf.subcommand("evaluate")]
     | Annotated[AnimateOptions, tyro.conf.subcommand("render")]
+    | Annotated[BakeCommand, tyro.conf.subcommand("bake")]
     | Annotated[StabilityOptions, tyro.conf.subcommand("stability")]
     | Annotated[ReportOptions, tyro.conf.subcommand("report")]
 )
@@ -90,6 +93,7 @@ def _run(
         | FewshotOptions
         | EvaluateOptions
         | AnimateOptions
+        | BakeCommand
         | StabilityOptions
         | ReportOptions
     ),
@@ -116,6 +120,8 @@ def _run(
             return (f"result: {options.out / 'result.md'}",)
         case AnimateOptions():
             return tuple(map(str, run_render(options)))
+        case BakeCommand():
+            return run_bake(options)
         case StabilityOptions():
             return run_stability(options)
         case ReportOptions():

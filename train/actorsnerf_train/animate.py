@@ -14,7 +14,6 @@ from tqdm import tqdm
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Float64, UInt8
-from actorsnerf_model.render import render
 from actorsnerf_model.states import ActorState, PoseState, Rendering
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
@@ -29,7 +28,7 @@ from actorsnerf_train.shots import (
     own_shots,
     turntable_shots,
 )
-from actorsnerf_train.trained import TrainedActor, load_trained, with_samples
+from actorsnerf_train.trained import TrainedActor, draw, load_actor, with_samples
 
 Motion = Literal["turntable", "t-pose", "view", "sequence", "pose-file"]
 
@@ -39,7 +38,7 @@ class AnimateOptions:
     """Renders a trained actor; no data file is needed for turntable, t-pose and pose-file."""
 
     checkpoint: Path
-    """Few-shot run folder, or one of its checkpoints."""
+    """Few-shot run folder, one of its checkpoints, or a baked actor's file."""
     out: Path
     """Folder for the pictures and video.mp4."""
     motion: Motion = "turntable"
@@ -90,7 +89,7 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
     """
     if options.mesh is not None and options.mesh.suffix not in MESH_SUFFIXES:
         raise UserError(f"{options.mesh}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
-    trained = load_trained(options.checkpoint, local_device(options.device))
+    trained = load_actor(options.checkpoint, local_device(options.device))
     return animate(trained, options)
 
 
@@ -135,11 +134,11 @@ def shots_of(trained: TrainedActor[ActorState], options: AnimateOptions) -> list
         UserError: an option that the motion needs is missing, or names something that is not there.
     """
     turn = Turn(options.pictures, options.size, options.elevation)
-    first = trained.supports[0]
-    rest_joints = _float64(first.canonical_joints)
+    home = trained.home
+    rest_joints = _float64(home.canonical_joints)
     match options.motion:
         case "turntable":
-            return turntable_shots(_float64(first.pose), _float64(first.rest_joints), turn)
+            return turntable_shots(_float64(home.pose), _float64(home.rest_joints), turn)
         case "t-pose":
             return turntable_shots(np.zeros((24, 3)), rest_joints, turn)
         case "pose-file":
@@ -179,9 +178,8 @@ def take(trained: TrainedActor[ActorState], shot: Shot, options: AnimateOptions)
         K=shot.camera.K.to(device),
         camera_from_body=shot.camera.camera_from_body.to(device),
     )
-    return render(
-        trained.method,
-        trained.state,
+    return draw(
+        trained,
         _pose_state(trained, shot),
         camera,
         with_samples(trained.config.render, options.samples),

@@ -30,7 +30,7 @@ from actorsnerf_train.pictures import strip, write_png
 from actorsnerf_train.records import to_json
 from actorsnerf_train.result import CameraRow, Evaluation, ImageRow, Json, MeanRow
 from actorsnerf_train.result_file import RESULT_NAME, markdown, write_result
-from actorsnerf_train.trained import TrainedActor, load_trained, with_samples
+from actorsnerf_train.trained import TrainedActor, load_actor, with_samples
 
 Item = TypeVar("Item")
 
@@ -40,7 +40,7 @@ class EvaluateOptions:
     """Renders a protocol's evaluation frames and cameras and measures them."""
 
     checkpoint: Path
-    """Few-shot run folder, or one of its checkpoints."""
+    """Few-shot run folder, one of its checkpoints, or a baked actor's file."""
     data: Path
     """Prepared file of the same actor."""
     out: Path
@@ -86,7 +86,7 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
     Raises:
         UserError: no such checkpoint, file or protocol; another actor; no evaluation picture.
     """
-    trained = load_trained(options.checkpoint, local_device(options.device))
+    trained = load_actor(options.checkpoint, local_device(options.device))
     with SequenceFile(options.data) as file:
         evaluation, rows = evaluate(trained, file, options)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -180,7 +180,7 @@ def _evaluation(
     header, info, config = file.header, trained.info, trained.config
     setting, encodes = info.setting, config.model.pixel_features or config.model.body_features
     return Evaluation(
-        method=info.method,
+        method=info.method if trained.baking is None else f"{info.method}-baked",
         preset=config.preset,
         actor=header.actor,
         sequence=header.sequence,
@@ -190,7 +190,7 @@ def _evaluation(
         setting=None if setting is None else setting.name,
         list_name=None if setting is None else setting.list_name,
         shots=None if setting is None else len(setting.frames),
-        supports=len(trained.supports),
+        supports=trained.support_count,
         frames=plan.frames,
         cameras=plan.cameras,
         limited=plan.limited,
@@ -214,6 +214,7 @@ def _evaluation(
         means=_means(images, judgement.conventions),
         per_camera=_camera_means(images, plan.cameras, judgement.conventions),
         per_image=tuple(images),
+        baked=None if trained.baking is None else _record(trained.baking),
     )
 
 

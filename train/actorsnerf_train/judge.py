@@ -11,11 +11,10 @@ from torch import Tensor
 from actorsnerf_datasets.body_box import body_box, box_mask
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Float64, UInt8
-from actorsnerf_model.render import render
 from actorsnerf_model.states import ActorState, Camera, RenderOptions
 from actorsnerf_train.metrics import ConventionName, Lpips, Scores, compare
 from actorsnerf_train.pictures import error_picture, to_bytes
-from actorsnerf_train.trained import TrainedActor
+from actorsnerf_train.trained import TrainedActor, draw
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def judge(
         trained.state, _float32(pose, device), _float32(fits.rest_joints[frame], device)
     )
     view = Camera(_float32(known.K, device), _float32(camera_from_body, device), known.size)
-    prediction = render(trained.method, trained.state, state, view, judgement.render).rgb
+    prediction = draw(trained, state, view, judgement.render).rgb
     seconds = _now(device) - began
     truth = torch.from_numpy(file.full_picture(camera, frame, judgement.render.background))
     box = box_mask(known.size, known.K, camera_from_body, body_box(fits.posed_joints[frame]))

@@ -7,7 +7,7 @@ key                 value
 =================== ===================================================================
 schema              "actorsnerf-result"
 schema_version      1; a reader refuses a higher one
-method              "actorsnerf", "humannerf", "neuralbody" or a baked form of one
+method              "actorsnerf", "humannerf" or "neuralbody"; baked: "actorsnerf-baked"
 preset              of the training: "official", "small", ...
 actor, sequence     who was rendered, from which sequence
 dataset             "zju-mocap", "aist++", "synthetic" or "converted"
@@ -37,6 +37,8 @@ render_seconds      mean per picture, rendering alone
 means               rows {convention, psnr, ssim, lpips_x1000}: mean over all pictures
 per_camera          rows {camera, convention, psnr, ssim, lpips_x1000}: mean over frames
 per_image           rows {camera, frame, convention, psnr, ssim, lpips_x1000, seconds}
+baked               how a baked actor was made: {"options": {"voxel" in metres, ...}, "report",
+                    "checkpoint", ...}; null if it is not baked
 =================== ===================================================================
 
 PSNR in decibel (at most 100: equal pictures), LPIPS times 1000 or null. `metrics.py` defines the
@@ -132,6 +134,7 @@ class Evaluation:
     means: tuple[MeanRow, ...]
     per_camera: tuple[CameraRow, ...]
     per_image: tuple[ImageRow, ...]
+    baked: Mapping[str, Json] | None = None
 
     def mean(self, convention: ConventionName) -> MeanRow:
         """The actor's mean under a convention.

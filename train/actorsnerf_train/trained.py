@@ -1,15 +1,29 @@
-"""A fitted actor ready to be rendered: everything comes from the checkpoint, no data file."""
+"""A fitted actor ready to be rendered: everything comes from one checkpoint or baked file."""
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic
+from typing import Any, Generic
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import supports_from_tensors
 from actorsnerf_model.actor_states import ActorsNeRFState
-from actorsnerf_model.states import ActorState, Method, RenderOptions
+from actorsnerf_model.baked import BakedActor, BakedState, baked_state
+from actorsnerf_model.baked_file import SUFFIX, BakedFileError, read_baked
+from actorsnerf_model.baking import BakeOptions, BakeReport
+from actorsnerf_model.render import render
+from actorsnerf_model.states import (
+    ActorState,
+    Camera,
+    Method,
+    PoseState,
+    Rendering,
+    RenderOptions,
+)
 from actorsnerf_train.checkpoint import CheckpointError, CheckpointInfo, load_checkpoint
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.methods import build_method, window_at
@@ -18,26 +32,111 @@ from actorsnerf_train.saving import load_model
 
 
 @dataclass(frozen=True)
+class Baking:
+    """How a baked actor was made."""
+
+    actor: str
+    """Whom it shows."""
+    supports: int
+    """Support views that the method had."""
+    checkpoint: str
+    """That it was made of."""
+    options: BakeOptions
+    report: BakeReport
+
+
+@dataclass(frozen=True)
+class Home:
+    """The actor as one of the support views shows it."""
+
+    pose: Float[Tensor, "24 3"]
+    rest_joints: Float[Tensor, "24 3"]
+    canonical_joints: Float[Tensor, "24 3"]
+
+
+@dataclass(frozen=True)
 class TrainedActor(Generic[ActorState]):
-    """A method that was fitted to one actor."""
+    """A method that was fitted to one actor, or its baked form."""
 
     method: Method[ActorState]
     state: ActorState
     supports: tuple[View, ...]
+    """None left of a baked actor."""
     config: TrainConfig
     info: CheckpointInfo
     path: Path
-    """Of the checkpoint."""
+    """Of the checkpoint or the baked file."""
+    baking: Baking | None = None
+    """None unless it is baked."""
 
     @property
     def actor(self) -> str:
         """Whom it shows."""
-        return self.supports[0].actor
+        return self.supports[0].actor if self.baking is None else self.baking.actor
+
+    @property
+    def support_count(self) -> int:
+        """K, the support views that its method had."""
+        return len(self.supports) if self.baking is None else self.baking.supports
+
+    @property
+    def home(self) -> Home:
+        """A pose that it was seen in: the first support view's."""
+        if isinstance(self.state, BakedState):
+            data = self.state.data
+            return Home(data.home_pose, data.home_joints, data.canonical_joints)
+        first = self.supports[0]
+        return Home(first.pose, first.rest_joints, first.canonical_joints)
 
     @property
     def device(self) -> torch.device:
         """Where it computes."""
-        return self.supports[0].pose.device
+        return self.home.pose.device
+
+
+def load_actor(source: Path, device: torch.device) -> TrainedActor[Any]:
+    """The actor of a few-shot run folder, of a checkpoint, or of a baked file.
+
+    Raises:
+        UserError: there is none, it is damaged, or it is of something else.
+    """
+    lone = source.suffix == SUFFIX and not source.with_suffix(".json").is_file()
+    return load_baked(source, device) if lone else load_trained(source, device)
+
+
+def load_baked(path: Path, device: torch.device) -> TrainedActor[BakedState]:
+    """The actor of a baked file; `config.render` is how to render it.
+
+    Raises:
+        BakedFileError: no such file, no baked actor, or one of a newer version.
+    """
+    file = read_baked(path, device)
+    missing = [name for name in ("checkpoint", "baking") if name not in file.record]
+    if missing:
+        raise BakedFileError(
+            f"{path}: does not say where it comes from ({' and '.join(missing)} are missing): bake "
+            "it with python -m actorsnerf_train bake"
+        )
+    info = from_json(CheckpointInfo, json.loads(file.record["checkpoint"]), f"{path}: checkpoint")
+    baking = from_json(Baking, json.loads(file.record["baking"]), f"{path}: baking")
+    config = from_json(TrainConfig, dict(info.configuration), f"{path}: configuration")
+    state = baked_state(file.data)
+    return TrainedActor(BakedActor(), state, (), config, info, path, baking)
+
+
+@torch.no_grad()
+def draw(
+    trained: TrainedActor[ActorState], pose: PoseState, camera: Camera, options: RenderOptions
+) -> Rendering:
+    """The picture of an actor in the way that suits it.
+
+    Args:
+        trained: the actor.
+        pose: of its method's `pose_state`.
+        camera: seen from the posed body frame.
+        options: how to spend work.
+    """
+    return render(trained.method, trained.state, pose, camera, options)
 
 
 def load_trained(source: Path, device: torch.device) -> TrainedActor[ActorsNeRFState]:
