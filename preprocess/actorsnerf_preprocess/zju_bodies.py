@@ -9,8 +9,9 @@ from actorsnerf_datasets import types
 from actorsnerf_datasets.body_model import BodyModel, pose, rest
 from actorsnerf_datasets.conventions import world_from_body
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.fit_checks import VERTEX_TOLERANCE
 from actorsnerf_preprocess.source import Finding, SourceError
-from actorsnerf_preprocess.zju_choice import TOLERANCE, FitChoice
+from actorsnerf_preprocess.zju_choice import FitChoice
 from actorsnerf_preprocess.zju_fits import (
     RawFit,
     fit_file,
@@ -120,7 +121,9 @@ def _body_fits(
             unread.append(frame)
         else:
             in_body = (stored - matrix[:3, 3]) @ matrix[:3, :3]
-            fits_well = largest_distance(in_body, posed.vertices) < TOLERANCE
+            # Compared as they will be stored, so that the check of the file agrees.
+            in_body = in_body.astype(np.float32).astype(np.float64)
+            fits_well = largest_distance(in_body, posed.vertices) <= VERTEX_TOLERANCE
             vertices = in_body if fits_well else posed.vertices
             if not fits_well:
                 off.append(frame)
@@ -172,17 +175,18 @@ def _vertex_findings(
     root: Path, choice: FitChoice, used: int, off: list[int], unread: list[int]
 ) -> list[Finding]:
     folder = choice.folders.vertices
+    apart = f"by more than {1000 * VERTEX_TOLERANCE:.0f} mm"
     if len(off) > LARGEST_SHARE_OFF * used:
         raise SourceError(
             f"{root / choice.folders.parameters}: the vertices of {len(off)} of {used} frames "
-            f"differ from {folder} by more than {1000 * TOLERANCE:.0f} mm (first: frame {off[0]}): "
-            "were files of two fits mixed in one folder?"
+            f"differ from {folder} {apart} (first: frame {off[0]}): were files of two fits "
+            "mixed in one folder?"
         )
     findings = []
     if off:
         text = (
             f"{len(off)} files differ from the vertices rebuilt from {choice.folders.parameters} "
-            f"by more than {1000 * TOLERANCE:.0f} mm (frames {off[:5]}); rebuilt ones are stored."
+            f"{apart} (frames {off[:5]}); rebuilt ones are stored."
         )
         findings.append(Finding("warning", folder, text))
     if unread and (root / folder).is_dir():

@@ -12,6 +12,7 @@ import numpy as np
 
 from actorsnerf_datasets.body_model import BodyModel
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.fit_checks import VERTEX_TOLERANCE
 from actorsnerf_datasets.pickles import PickleError
 from actorsnerf_preprocess.source import Finding, SourceError
 from actorsnerf_preprocess.zju_fits import (
@@ -22,8 +23,6 @@ from actorsnerf_preprocess.zju_fits import (
     world_vertices,
 )
 
-TOLERANCE = 1e-3
-"""Metres: rebuilt vertices may differ from stored ones by this much."""
 PROBED_FRAMES = 5
 
 
@@ -80,7 +79,7 @@ def choose_fit(root: Path, frames: tuple[int, ...], model: BodyModel) -> FitChoi
         if errors is None:
             return _unverified(folders)
         blended, plain = errors
-        if min(blended, plain) < TOLERANCE:
+        if min(blended, plain) <= VERTEX_TOLERANCE:
             return _choice(folders, blended, plain, refusals)
         refusals.append(_refusal(root, folders, probed, model, (blended, plain)))
     raise SourceError("; ".join(refusals))
@@ -139,13 +138,13 @@ def _refusal(
     text = (
         f"{root / folders.parameters}: rebuilt vertices differ from {folders.vertices} by "
         f"{1000 * errors[0]:.3g} mm with pose blend shapes and {1000 * errors[1]:.3g} mm without, "
-        f"expected below {1000 * TOLERANCE:.0f} mm in one of the two"
+        f"expected below {1000 * VERTEX_TOLERANCE:.0f} mm in one of the two"
     )
     for other in CANDIDATES:
         if other.vertices == folders.vertices or not (root / other.vertices).is_dir():
             continue
         crossed = _errors(root, replace(folders, vertices=other.vertices), frames, model)
-        if crossed is not None and min(crossed) < TOLERANCE:
+        if crossed is not None and min(crossed) <= VERTEX_TOLERANCE:
             return text + f" (they fit {other.vertices}: the folders of two fits were mixed)"
     return text + ": is the body model SMPL's neutral one, as the fits need?"
 

@@ -54,6 +54,25 @@ def test_the_prepared_file_passes_its_check(tree: Any, tmp_path: Path, tiny_body
     ]
 
 
+@pytest.mark.parametrize(("millimetres", "kept"), [(0.999, True), (1.001, False)])
+def test_the_check_accepts_the_vertices_that_preparation_accepts(
+    write_zju: WriteTree, tmp_path: Path, tiny_body: Path, millimetres: float, kept: bool
+) -> None:
+    tree = write_zju(tmp_path / "raw" / "CoreView_377", frames=range(12), cameras=1)
+    path = tree.root / "new_vertices" / "1.npy"
+    vertices = np.load(path).astype(np.float64)
+    np.save(path, vertices + np.array([0.0, 0.0, millimetres / 1000]))
+    prepare_sequence(opened(tree, tiny_body), tmp_path, PrepareOptions())
+    file = tmp_path / "CoreView_377.h5"
+    findings = check_sequence(file, tiny_body)
+    assert [finding for finding in findings if finding.severity != "note"] == []
+    with SequenceFile(file) as sequence:
+        fits = sequence.complete_header().fits
+    moved = fits.posed_vertices[1] @ fits.world_from_body[1, 2, :3] + fits.world_from_body[1, 2, 3]
+    shift = millimetres / 1000 if kept else 0.0
+    assert np.allclose(moved, tree.world_vertices[1][:, 2] + shift, atol=2e-6)
+
+
 def test_the_file_does_not_depend_on_the_number_of_workers(
     tree: Any, tmp_path: Path, tiny_body: Path
 ) -> None:
