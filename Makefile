@@ -11,7 +11,7 @@ BODY_MODEL ?=
 DEMO ?= data/demo
 SOURCE ?=
 
-.PHONY: help setup prepare inspect pretrain fewshot evaluate render bake stability report demo test test-all check format lint types wheel bench clean
+.PHONY: help setup prepare inspect pretrain fewshot evaluate render bake stability report tables demo test test-all check format lint types wheel bench clean
 
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -25,8 +25,8 @@ inspect: setup  ## say what a download holds and what is wrong with it: SOURCE=
 prepare: setup  ## raw download to HDF5: SOURCE= [OUT= BODY_MODEL= WORKERS=]
 	@$(PY) -m actorsnerf_preprocess prepare --source "$(SOURCE)" --out "$(OUT)" --workers $(WORKERS) $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
 
-pretrain: setup  ## category-level training: RUN= [DATA= PRESET= METHOD=]
-	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET) --method $(METHOD)
+pretrain: setup  ## category-level training: RUN= [DATA= PRESET=]
+	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET)
 
 fewshot: setup  ## fit a new actor: DATA=FILE FROM=RUN RUN= [PROTOCOL= LIST=official|auto]
 	@$(PY) -m actorsnerf_train fewshot --data "$(DATA)" --from "$(FROM)" --run "$(RUN)" --protocol $(PROTOCOL) $(if $(LIST),--list $(LIST))
@@ -45,6 +45,9 @@ stability: setup  ## hard cases on a checkpoint, or on an invented actor: [RUN= 
 
 report: setup  ## speed against error of the operating points: CHECKPOINT= DATA=FILE [REPORT=]
 	@$(PY) -m actorsnerf_train report $(CHECKPOINT) --data $(DATA) --out "$(or $(REPORT),data/report)"
+
+tables: setup  ## the paper's tables: plan, train what is missing, write: DATA= [TABLES= PRESET=]
+	@$(PY) -m actorsnerf_train tables --data $(DATA) --out "$(or $(TABLES),data/tables)" --preset $(PRESET)
 
 demo: setup  ## everything, on synthetic actors (or SOURCE=): pictures in data/demo
 	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")

@@ -1,4 +1,4 @@
-"""The command line: pretrain, fewshot, evaluate, render, bake, stability, report."""
+"""The command line: pretrain, fewshot, evaluate, render, bake, stability, report, tables."""
 
 import inspect
 import os
@@ -18,6 +18,7 @@ from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
 from actorsnerf_train.report.command import ReportOptions, run_report
 from actorsnerf_train.stability.command import StabilityOptions, UnstableError, run_stability
+from actorsnerf_train.tables.command import TablesOptions, run_tables
 
 DESCRIPTION = """Train, evaluate and animate people from prepared files.
 
@@ -28,6 +29,7 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   bake       one small file that evaluate and render take too, drawn many times a second
   stability  try hard cases on any checkpoint; a table of errors and verdicts
   report     what each named saving gains in time and costs in error, measured
+  tables     the paper's tables: plans the runs, makes those missing, writes Markdown, CSV, LaTeX
 
 Prepared files come from: python -m actorsnerf_preprocess prepare --help
 Several GPUs: torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
@@ -55,6 +57,7 @@ Options = (
     | Annotated[BakeCommand, tyro.conf.subcommand("bake")]
     | Annotated[StabilityOptions, tyro.conf.subcommand("stability")]
     | Annotated[ReportOptions, tyro.conf.subcommand("report")]
+    | Annotated[TablesOptions, tyro.conf.subcommand("tables")]
 )
 
 
@@ -95,6 +98,7 @@ def _run(
         | AnimateOptions
         | BakeCommand
         | StabilityOptions
+        | TablesOptions
         | ReportOptions
     ),
 ) -> tuple[str, ...]:
@@ -122,6 +126,8 @@ def _run(
             return tuple(map(str, run_render(options)))
         case BakeCommand():
             return run_bake(options)
+        case TablesOptions():
+            return run_tables(options)
         case StabilityOptions():
             return run_stability(options)
         case ReportOptions():

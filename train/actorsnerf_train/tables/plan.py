@@ -1,0 +1,190 @@
+"""Which trainings and evaluations fill the tables of some prepared files, and how far they are."""
+
+import json
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_shots
+from actorsnerf_datasets.types import ListName
+from actorsnerf_train.config import PresetName, fewshot, pretraining
+from actorsnerf_train.data_files import SUFFIX
+from actorsnerf_train.result_file import RESULT_NAME
+
+MethodRow = Literal[
+    "actorsnerf",
+    "scratch",
+    "humannerf",
+    "no-deformation",
+    "no-pixel-features",
+    "no-body-features",
+]
+"""scratch: ActorsNeRF without its category; no-...: the paper's ablations, in both trainings."""
+ABLATED = {
+    "no-deformation": "deformation",
+    "no-pixel-features": "pixel_features",
+    "no-body-features": "body_features",
+}
+EVALUATION = "evaluation"
+Status = Literal["done", "begun", "missing"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the tables are to compare."""
+
+    files: tuple[Path, ...]
+    """Prepared files: of training actors and of held-out ones."""
+    out: Path
+    """Folder of the runs."""
+    preset: PresetName
+    methods: tuple[MethodRow, ...]
+    settings: tuple[str, ...]
+    list_name: ListName | None
+    seeds: tuple[int, ...]
+    """Of the few-shot trainings; the category training has the first."""
+    steps: int | None = None
+    """Of each few-shot training; the preset's if None."""
+    pretrain_steps: int | None = None
+    """Of each category training; the preset's if None."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training, with its evaluation if it is a few-shot one."""
+
+    folder: Path
+    method: MethodRow
+    data: tuple[Path, ...]
+    """One held-out actor's file; of a category training, all training actors'."""
+    setting: str | None
+    """None: a category training."""
+    seed: int
+    steps: int
+
+    @property
+    def category(self) -> Path | None:
+        """Folder of the category training that it begins from."""
+        if self.setting is None or self.method in ("scratch", "humannerf"):
+            return None
+        return category_folder(self.folder.parent, self.method)
+
+    @property
+    def status(self) -> Status:
+        """How far it is."""
+        if self.setting is not None and (self.folder / EVALUATION / RESULT_NAME).is_file():
+            return "done"
+        if self.setting is None and _steps_done(self.folder) >= self.steps:
+            return "done"
+        return "begun" if self.folder.is_dir() else "missing"
+
+
+def category_folder(out: Path, method: MethodRow) -> Path:
+    """Where the category training of a method's row lies."""
+    return out / (f"category-{method}" if method in ABLATED else "category")
+
+
+def make_plan(study: Study) -> tuple[Run, ...]:
+    """The runs of a study in the order in which they can be made.
+
+    Raises:
+        UserError: no training or no held-out actor, or an actor lacks a setting.
+    """
+    training, held_out = _sorted_files(study.files)
+    category_steps = study.pretrain_steps or pretraining(study.preset).schedule.steps
+    steps = study.steps or fewshot(study.preset).schedule.steps
+    runs = []
+    for method in study.methods:
+        if method in ("scratch", "humannerf"):
+            continue
+        if not training:
+            raise UserError(
+                f"{', '.join(map(str, study.files))}: no file of a training actor, but the rows "
+                f"{', '.join(study.methods)} need a category training: add files, or leave them out"
+            )
+        folder = category_folder(study.out, method)
+        runs.append(Run(folder, method, training, None, study.seeds[0], category_steps))
+    for seed in study.seeds:
+        for setting in study.settings:
+            for path, actor in held_out.items():
+                for method in study.methods:
+                    folder = study.out / f"{actor}-{setting}-{method}-seed{seed}"
+                    runs.append(Run(folder, method, (path,), setting, seed, steps))
+    for path in held_out:
+        _refuse_missing_settings(path, study)
+    # Runs that share a category folder are planned once.
+    return tuple(dict.fromkeys(runs))
+
+
+def hours_left(runs: Sequence[Run]) -> tuple[float, int]:
+    """Hours that the missing runs will take, by the pace of those done, and how many have no pace.
+
+    A run's pace is seconds a step of the finished runs of its method, category trainings apart.
+    """
+    paces: dict[tuple[str, bool], list[float]] = {}
+    for run in runs:
+        pace = _pace(run)
+        if pace is not None:
+            paces.setdefault((run.method, run.setting is None), []).append(pace)
+    seconds, unknown = 0.0, 0
+    for run in runs:
+        if run.status == "done":
+            continue
+        known = paces.get((run.method, run.setting is None))
+        if known is None:
+            unknown += 1
+        else:
+            seconds += statistics.median(known) * max(run.steps - _steps_done(run.folder), 0)
+    return seconds / 3600, unknown
+
+
+def _sorted_files(files: Sequence[Path]) -> tuple[tuple[Path, ...], dict[Path, str]]:
+    paths: list[Path] = []
+    for file in files:
+        paths += sorted(file.glob(f"*{SUFFIX}")) if file.is_dir() else [file]
+    training: list[Path] = []
+    held_out: dict[Path, str] = {}
+    for path in paths:
+        header = SequenceFile(path).header
+        if any(protocol.role == "held_out" for protocol in header.protocols):
+            held_out[path] = header.actor
+        else:
+            training.append(path)
+    if not held_out:
+        raise UserError(
+            f"{', '.join(map(str, files))}: no prepared file of a held-out actor, whom tables are "
+            "about: prepare one (--held-out NAME), or name another folder."
+        )
+    return tuple(training), held_out
+
+
+def _refuse_missing_settings(path: Path, study: Study) -> None:
+    with SequenceFile(path) as file:
+        for setting in study.settings:
+            find_shots(file, find_protocol(file, None), FewshotChoice(setting, study.list_name))
+
+
+def _steps_done(folder: Path) -> int:
+    entries = _log(folder)
+    return int(entries[-1]["step"]) if entries else 0
+
+
+def _pace(run: Run) -> float | None:
+    """Seconds a step, once a fifth of the run is behind it: first steps are slow."""
+    entries = _log(run.folder)
+    if not entries or entries[-1]["step"] < run.steps / 5:
+        return None
+    return float(entries[-1]["seconds"] / entries[-1]["step"])
+
+
+def _log(folder: Path) -> list[dict[str, float]]:
+    path = folder / "log.jsonl"
+    if not path.is_file():
+        return []
+    lines = [line for line in path.read_text().splitlines() if line.endswith("}")]
+    entries = [json.loads(line) for line in lines]
+    return [entry for entry in entries if "step" in entry and "seconds" in entry]

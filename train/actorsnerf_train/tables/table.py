@@ -1,0 +1,122 @@
+"""One table: methods by settings down, actors and their mean across, spread over seeds."""
+
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from actorsnerf_train.metrics import ConventionName
+from actorsnerf_train.tables.entry import Entry
+
+MEAN = "mean"
+"""The column over all actors."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A mean over seeds."""
+
+    value: float
+    spread: float | None
+    """Sample standard deviation; None of a single seed."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a method reaches on one actor, or on the mean of all."""
+
+    psnr: Number
+    ssim: Number
+    lpips_x1000: Number | None
+    seeds: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method in a setting."""
+
+    label: str
+    setting: str
+    list_name: str
+    cells: dict[str, Cell]
+    """By actor, and `MEAN` where every actor of the table is there."""
+    steps: tuple[int, ...]
+    """Of the trainings; one number where they are equal, as they should be."""
+    seconds: float
+    """Median training time, category training not included."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """All rows under one convention."""
+
+    convention: ConventionName
+    dataset: str
+    preset: str
+    actors: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def make_table(entries: Sequence[Entry], convention: ConventionName) -> Table:
+    """The table of entries that may share one.
+
+    Raises:
+        UserError: an entry lacks the convention.
+    """
+    actors = tuple(sorted({entry.result.actor for entry in entries}))
+    groups: dict[tuple[str, int, str, str], list[Entry]] = {}
+    for entry in entries:
+        result = entry.result
+        key = (result.setting or "", result.shots or 0, result.list_name or "", entry.label)
+        groups.setdefault(key, []).append(entry)
+    order = sorted(groups, key=lambda key: (key[0] == "short-video", key[1], key[2], key[3]))
+    rows = tuple(_row(key, groups[key], actors, convention) for key in order)
+    first = entries[0].result
+    return Table(convention, first.dataset, first.preset, actors, rows)
+
+
+def _row(
+    key: tuple[str, int, str, str],
+    entries: Sequence[Entry],
+    actors: tuple[str, ...],
+    convention: ConventionName,
+) -> Row:
+    setting, _, list_name, label = key
+    by_actor = {
+        actor: [entry for entry in entries if entry.result.actor == actor] for actor in actors
+    }
+    cells = {
+        actor: _cell([[entry] for entry in mine], convention)
+        for actor, mine in by_actor.items()
+        if mine
+    }
+    seeds = [{entry.result.seed for entry in mine} for mine in by_actor.values()]
+    common = sorted(set.intersection(*seeds)) if seeds else []
+    if common:
+        runs = [[entry for entry in entries if entry.result.seed == seed] for seed in common]
+        cells[MEAN] = _cell(runs, convention)
+    return Row(
+        label,
+        setting,
+        list_name,
+        cells,
+        tuple(sorted({entry.result.step for entry in entries})),
+        statistics.median(entry.result.training_seconds for entry in entries),
+    )
+
+
+def _cell(runs: Sequence[Sequence[Entry]], convention: ConventionName) -> Cell:
+    """Over runs, each the mean of its entries (one, or one an actor)."""
+    rows = [[entry.mean(convention) for entry in run] for run in runs]
+    distances = [[row.lpips_x1000 for row in run if row.lpips_x1000 is not None] for run in rows]
+    measured = all(len(some) == len(run) for some, run in zip(distances, rows, strict=True))
+    return Cell(
+        _number([statistics.mean(row.psnr for row in run) for run in rows]),
+        _number([statistics.mean(row.ssim for row in run) for run in rows]),
+        _number([statistics.mean(run) for run in distances]) if measured else None,
+        len(runs),
+    )
+
+
+def _number(values: Sequence[float]) -> Number:
+    spread = statistics.stdev(values) if len(values) > 1 else None
+    return Number(statistics.mean(values), spread)
