@@ -210,7 +210,7 @@ def _source_window(picture: Picture, size: tuple[int, int]) -> Crop:
 def made_masks(count: int) -> Table:
     """Seconds per picture of AIST++ video with masks that are made here."""
     root = aist_root()
-    source = open_aist(find_aist(root)[0], OpenOptions(body_model=BODY, pairs="all"))
+    source = open_aist(find_aist(root)[0], OpenOptions(body_model=BODY))
     reader = source.reader
     assert isinstance(reader, AistReader)
     frames = list(range(0, len(source.frames), max(1, 2 * len(source.frames) // count)))

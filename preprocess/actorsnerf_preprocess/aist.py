@@ -117,7 +117,8 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
     fits, shape = fits_of_motion(seen.motion, seen.frames, model)
     cameras = tuple(view.camera for view in seen.views)
     require_plausible_distance(cameras, fits.world_from_body[:, :3, 3])
-    protocol = _protocol(found.name, options, [camera.name for camera in cameras], seen.frames)
+    names = [camera.name for camera in cameras]
+    protocol = _protocol(found.name, options, names, seen.protocol_frames)
     return SourceSequence(
         found=found,
         actor=dancer_of(found.name),

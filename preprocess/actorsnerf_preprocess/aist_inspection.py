@@ -37,6 +37,9 @@ class AistInspection:
     views: tuple[AistView, ...]
     given: tuple[GivenMasks | None, ...]
     frames: Int64
+    """To be prepared, at 60 per second."""
+    protocol_frames: Int64
+    """Those of them that protocols choose from."""
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
 
@@ -62,7 +65,15 @@ def inspect_aist(found: Found, options: OpenOptions) -> AistInspection:
         reasons = " ".join(f"{finding.entry}: {finding.sentence}" for finding in remarks)
         raise SourceError(f"{found.path}, {found.name}: no view is usable. {reasons}")
     covered = max(view.video.annotated_frames for view in views)
-    frames, frame_note = chosen_frames(min(len(motion.poses), covered))
+    length = min(len(motion.poses), covered)
+    protocol_frames, frame_note = chosen_frames(length)
+    frames = protocol_frames
+    if options.pairs == "all":
+        frames = np.arange(length, dtype=np.int64)
+        frame_note = (
+            f"All {length} frames (60 per second) are prepared, as asked for. The protocol keeps to"
+            f" its own: {frame_note}"
+        )
     masks = _given(found, options, views)
     notes = (
         *tree.notes,
@@ -71,11 +82,21 @@ def inspect_aist(found: Found, options: OpenOptions) -> AistInspection:
         "Frame k is the picture shown at k/60 s by time stamps.",
         frame_note,
     )
-    return AistInspection(tree, setting, motion, views, masks, frames, tuple(findings), notes)
+    return AistInspection(
+        tree=tree,
+        setting=setting,
+        motion=motion,
+        views=views,
+        given=masks,
+        frames=frames,
+        protocol_frames=protocol_frames,
+        findings=tuple(findings),
+        notes=notes,
+    )
 
 
 def chosen_frames(length: int) -> tuple[Int64, str]:
-    """The frame numbers to prepare of `length` frames, and a sentence on the choice."""
+    """The frame numbers that protocols choose from of `length` frames, and a sentence on it."""
     paper = np.arange(PAPER_FIRST_FRAME, length, PAPER_FRAME_STEP, dtype=np.int64)
     if len(paper) >= MIN_PAPER_FRAMES:
         return paper, "Frames 200, 204, 208, ... (15 per second), as in the published experiments."

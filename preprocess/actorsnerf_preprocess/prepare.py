@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from actorsnerf_datasets.contact_sheet import write_contact_sheet
-from actorsnerf_datasets.protocols import with_automatic_lists
+from actorsnerf_datasets.protocols import needed_pairs, with_automatic_lists
 from actorsnerf_datasets.reader import SequenceFile
-from actorsnerf_datasets.types import Protocol, Provenance, SequenceHeader
+from actorsnerf_datasets.types import Int64, Protocol, Provenance, SequenceHeader
 from actorsnerf_datasets.writer import StoredPicture, write_sequence
 from actorsnerf_preprocess.picture_tasks import (
     EncodeTask,
@@ -48,6 +49,9 @@ from actorsnerf_preprocess.workers import (
     in_order,
     job_file,
 )
+
+CONTENTS_PER_TASK = 32
+"""Pictures that a task may return uncompressed: several tasks wait, each picture takes 0.3 MB."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +136,10 @@ class _Passes:
         self._source = source
         self._file = file
         self._executor = executor
-        # Unpacking costs more than passing on to a process of this machine, but not to another's.
-        self._near = executor is None or isinstance(executor, ProcessPoolExecutor)
+        # Passing on costs less than unpacking within this machine, if memory holds the results.
+        self._with_content = source.reader.frames_per_task <= CONTENTS_PER_TASK and (
+            executor is None or isinstance(executor, ProcessPoolExecutor)
+        )
         self._ahead = TASKS_AHEAD * max(options.workers, 1)
         self._progress = options.progress
 
@@ -164,7 +170,7 @@ class _Passes:
                 tuple(crops[task.camera, frame] for frame in task.frames),
                 judge=task.camera in unseen,
                 masks=tuple(masks[task.camera, frame] for frame in task.frames),
-                with_content=self._near,
+                with_content=self._with_content,
             )
             for task in self._tasks(frames)
         ]
@@ -224,7 +230,7 @@ def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptio
             source.frames,
             source.fits,
             stored_camera(source.cameras[camera], options.scale),
-            usable[camera],
+            usable[camera] & _used(protocol, source.frames),
         )
         changed, changes = usable_protocol(complete, pairs)
         listed.append(changed)
@@ -233,6 +239,15 @@ def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptio
         _header(source, tuple(listed), tuple(notes), probes, options),
         crop_size(probe.box for probe in probes if probe.box),
     )
+
+
+def _used(protocol: Protocol, frames: Int64) -> NDArray[np.bool_]:
+    """(F,) whether the protocol uses the training camera's picture of a frame.
+
+    Pictures that are prepared beyond the protocol's do not change its lists.
+    """
+    used = [frame for camera, frame in needed_pairs(protocol) if camera == protocol.training_camera]
+    return np.isin(frames, used)
 
 
 def _header(

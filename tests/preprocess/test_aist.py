@@ -86,6 +86,9 @@ def test_the_papers_sequences_have_the_papers_protocol(write_aist: Any, tmp_path
     (protocol,) = source.protocols
     assert (protocol.name, protocol.role) == ("actorsnerf-aist", "pretraining")
     assert source.wanted.all()
+    every = open_aist(found, OpenOptions(body_model=tree.body, pairs="all"))
+    assert every.frames.tolist() == list(range(440))
+    assert every.wanted.all() and every.protocols == source.protocols
 
 
 def test_the_survey_needs_no_body_model(aist: Any) -> None:

@@ -49,6 +49,20 @@ def test_the_shorter_of_motion_and_videos_counts(aist: Any) -> None:
     assert any("k/60 s by time stamps" in note for note in seen.notes)
 
 
+def test_all_pairs_are_all_frames_and_the_protocol_keeps_its_own(
+    write_aist: Any, tmp_path: Path
+) -> None:
+    tree = write_aist(tmp_path, cameras=1, frames=244, size=(64, 36))
+    some = inspect_aist(found_of(tree), OpenOptions())
+    every = inspect_aist(found_of(tree), OpenOptions(pairs="all"))
+    assert some.frames.tolist() == list(range(0, 244, 4))
+    assert every.frames.tolist() == list(range(244))
+    assert every.protocol_frames.tolist() == some.protocol_frames.tolist() == some.frames.tolist()
+    (note,) = [note for note in every.notes if note.startswith("All 244 frames (60 per second)")]
+    assert "The protocol keeps to its own: Too short for frames 200, 204" in note
+    assert not any(note.startswith("All") for note in some.notes)
+
+
 def test_the_ignore_list_refuses_and_can_be_overruled(aist: Any) -> None:
     listed = aist.root / "annotations" / "ignore_list.txt"
     listed.write_text(f"{aist.name} \n")

@@ -73,6 +73,23 @@ def test_the_check_accepts_the_vertices_that_preparation_accepts(
     assert np.allclose(moved, tree.world_vertices[1][:, 2] + shift, atol=2e-6)
 
 
+def test_more_pictures_than_the_protocol_uses_do_not_change_its_lists(
+    write_zju: WriteTree, tmp_path: Path, tiny_body: Path
+) -> None:
+    tree = write_zju(tmp_path / "raw" / "CoreView_dancer", frames=range(40), cameras=2, size=96)
+    found, protocols = find_zju(tree.root)[0], {}
+    for pairs in ("protocol", "all"):
+        options = OpenOptions(tiny_body, "all" if pairs == "all" else "protocol", ("dancer",))
+        source = open_zju(found, options)
+        prepare_sequence(source, tmp_path, PrepareOptions(contact_sheet=False))
+        with SequenceFile(tmp_path / f"{found.name}.h5") as sequence:
+            protocols[pairs] = sequence.header.protocols
+            stored = int(sequence.valid.sum())
+    assert protocols["all"] == protocols["protocol"]
+    assert {shots.list_name for shots in protocols["all"][0].shots} == {"official", "auto"}
+    assert stored == 80
+
+
 def test_the_file_does_not_depend_on_the_number_of_workers(
     tree: Any, tmp_path: Path, tiny_body: Path
 ) -> None:
