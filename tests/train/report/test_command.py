@@ -9,7 +9,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_train import evaluate as evaluation_module
 from actorsnerf_train.__main__ import main
 from actorsnerf_train.lpips import LpipsFiles
-from actorsnerf_train.report.command import ReportOptions, chosen_points, run_report
+from actorsnerf_train.report.command import ReportOptions, run_report
 
 if TYPE_CHECKING:
     from tests.train.report.conftest import People
@@ -36,6 +36,8 @@ def options(fewshot_run: Path, people: "People", tmp_path: Path) -> ReportOption
         rounds=1,
         reference_share=0.5,
         memory=False,
+        training=False,
+        scaling=False,
     )
 
 
@@ -58,16 +60,6 @@ def test_a_report_leaves_json_table_and_plot(options: ReportOptions) -> None:
     assert told[0].startswith(f"eve: use {actor['recommended']}")
     text = (options.out / "report.md").read_text()
     assert "LPIPS not computed" in text and f"**Use `{actor['recommended']}`**" in text
-
-
-def test_points_can_be_chosen() -> None:
-    assert len(chosen_points(())) > 8
-    assert [point.name for point in chosen_points(("fast",))] == [
-        "reference",
-        "complete",
-        "exact",
-        "fast",
-    ]
 
 
 @pytest.mark.parametrize(

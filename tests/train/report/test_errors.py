@@ -57,7 +57,10 @@ def test_a_share_of_the_reference_has_no_true_score(
     reference = measured[0]
     drawn = reference.drawn[0]
     assert drawn.pixels is not None
-    rendering = dataclasses.replace(drawn.rendering, rgb=drawn.rendering.rgb[:10])
+    whole = drawn.rendering
+    rendering = dataclasses.replace(
+        whole, rgb=whole.rgb[:10], alpha=whole.alpha[:10], depth=whole.depth[:10]
+    )
     few = dataclasses.replace(drawn, rendering=rendering, pixels=drawn.pixels[:10])
     one = dataclasses.replace(reference, drawn=(few, few))
     assert to_truth(one, frames, None) is None

@@ -3,8 +3,9 @@ import torch
 
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
 from actorsnerf_model.states import RenderOptions
-from actorsnerf_train.report.points import POINTS, at_point, named_point, options_at
+from actorsnerf_train.report.points import POINTS, at_point, named_point, options_at, where_filled
 from actorsnerf_train.trained import TrainedActor
 
 
@@ -56,3 +57,20 @@ def test_a_thinner_shell_has_its_own_occupied_cells(
     assert cells[0] is not None and cells[1] is not None
     assert cells[1].threshold == 0.1 == tuned.config.render.threshold
     assert cells[1].cells.sum() < cells[0].cells.sum()
+
+
+def test_empty_cells_are_made_once_and_shared(trained: TrainedActor[ActorsNeRFState]) -> None:
+    filled = where_filled(trained)
+    fast = at_point(trained, named_point("fast"), filled)
+    assert fast.state is filled and filled.actor is trained.state
+    assert isinstance(fast.method, SkipEmpty)
+    own = at_point(trained, named_point("skip-empty")).state
+    assert isinstance(own, FilledActor)
+    assert torch.equal(own.cells.filled, filled.cells.filled)
+    view = trained.supports[0]
+    pose = trained.method.pose_state(trained.state, view.pose, view.rest_joints)
+    low, high = pose.bounds
+    points = low + (high - low) * torch.rand(50_000, 3, generator=torch.Generator().manual_seed(1))
+    every = trained.method.locate(trained.state, pose, points, 0.01).index
+    kept = fast.method.locate(filled, pose, points, 0.01).index
+    assert 0 < len(kept) <= len(every)  # so little training leaves fog nearly everywhere

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import torch
 from tqdm import tqdm
@@ -12,21 +13,31 @@ from tyro.conf import Positional
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
-from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.evaluate import published_lpips
 from actorsnerf_train.lpips import INSTALL, LpipsFiles
 from actorsnerf_train.machine import program_commit, this_machine
 from actorsnerf_train.metrics import Lpips
+from actorsnerf_train.options import ready_perceptual
+from actorsnerf_train.report.contestants import chosen_points, contestants, refuse_strangers
 from actorsnerf_train.report.errors import errors, health
 from actorsnerf_train.report.frames import Frame, file_of, report_frames
 from actorsnerf_train.report.measure import Contestant, Effort, Measured, measure
 from actorsnerf_train.report.memory import MemoryJob, peak_memory
 from actorsnerf_train.report.plot import write_plot
-from actorsnerf_train.report.points import POINTS, OperatingPoint, PointName, at_point
-from actorsnerf_train.report.rows import ActorReport, SpeedReport, point_rows
+from actorsnerf_train.report.points import OperatingPoint, PointName
+from actorsnerf_train.report.rows import (
+    ActorReport,
+    PartRow,
+    ScalingRow,
+    SpeedReport,
+    TrainingRow,
+    point_rows,
+)
+from actorsnerf_train.report.scaling import part_rows, scaling_rows
 from actorsnerf_train.report.table import PLOT_NAME, summary, write_tables
-from actorsnerf_train.trained import TrainedActor, load_trained
+from actorsnerf_train.report.training import training_rows
+from actorsnerf_train.trained import TrainedActor, load_baked, load_trained
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,12 @@ class ReportOptions:
     """How often each point is timed."""
     reference_share: float = 0.05
     """Of the rays in the body's box, that the reference draws; 1 draws whole pictures."""
+    baked: tuple[Path, ...] = ()
+    """Baked files of the same actors, measured beside the operating points."""
+    training: bool = True
+    """Also time a step of both trainings against the reference's."""
+    scaling: bool = True
+    """Also time one frame in larger pictures, with more samples, and without parts of the model."""
     memory: bool = True
     """Also draw a frame of each point in a process of its own, for its peak memory."""
     seed: int = 0
@@ -67,7 +84,7 @@ class ReportOptions:
 class _Subject:
     """One actor to measure."""
 
-    trained: TrainedActor[ActorsNeRFState]
+    trained: TrainedActor[Any]
     data: Path
     frames: tuple[Frame, ...]
     digest: str
@@ -84,6 +101,8 @@ def run_report(options: ReportOptions) -> tuple[str, ...]:
     device = local_device(options.device)
     lpips = published_lpips(options.lpips, device)
     subjects = [_subject(checkpoint, options, device) for checkpoint in options.checkpoints]
+    baked = [load_baked(path, device) for path in options.baked]
+    refuse_strangers([subject.trained.actor for subject in subjects], baked)
     reports, rates = [], {}
     for subject in tqdm(subjects, desc="actors", unit="actor", leave=False):
         report, measured = _actor_report(subject, options, lpips)
@@ -131,66 +150,66 @@ def _actor_report(
     trained, frames = subject.trained, subject.frames
     effort = Effort(options.rounds, options.reference_share, options.seed)
     points = chosen_points(options.points)
-    measured = measure([_contestant(trained, point) for point in points], frames, effort)
+    drawing = contestants(trained, points, options.baked)
+    measured = measure(drawing, frames, effort)
     found = errors(measured, frames, lpips)
-    rows, best = point_rows(measured, found, _memory(subject, points, options))
-    complete = next(i for i, point in enumerate(points) if point.name == "complete")
-    return (
-        ActorReport(
-            actor=trained.actor,
-            checkpoint=str(trained.path),
-            data=str(subject.data),
-            data_sha256=subject.digest,
-            method=trained.info.method,
-            preset=trained.config.preset,
-            step=trained.info.step,
-            size=frames[0].camera.size,
-            body_share=sum(float(frame.mask.float().mean()) for frame in frames) / len(frames),
-            frames=tuple(frame.name for frame in frames),
-            reference_pixels=_reference_pixels(measured[0]),
-            health=health(measured[complete], found[complete].truth, frames),
-            points=rows,
-            recommended=best,
-            scaling=(),
-            training=(),
-            parts=(),
-        ),
-        measured,
+    rows, best = point_rows(measured, found, _memory(subject, drawing, points, options))
+    place = next(i for i, one in enumerate(drawing) if one.name == "complete")
+    complete, rounds = drawing[place], options.rounds
+    scaling: tuple[ScalingRow, ...] = ()
+    parts: tuple[PartRow, ...] = ()
+    steps: tuple[TrainingRow, ...] = ()
+    if options.scaling:
+        scaling = scaling_rows(complete, frames[0], rounds)
+        parts = part_rows(trained, complete, frames[0], rounds)
+    if options.training:
+        perceptual = ready_perceptual(options.lpips).to(trained.device)
+        steps = training_rows(trained, subject.data, perceptual, rounds, options.seed)
+    report = ActorReport(
+        actor=trained.actor,
+        checkpoint=str(trained.path),
+        data=str(subject.data),
+        data_sha256=subject.digest,
+        method=trained.info.method,
+        preset=trained.config.preset,
+        step=trained.info.step,
+        size=frames[0].camera.size,
+        body_share=sum(float(frame.mask.float().mean()) for frame in frames) / len(frames),
+        frames=tuple(frame.name for frame in frames),
+        reference_pixels=_reference_pixels(measured[0]),
+        health=health(measured[place], found[place].truth, frames),
+        points=rows,
+        recommended=best,
+        scaling=scaling,
+        training=steps,
+        parts=parts,
     )
-
-
-def chosen_points(names: Sequence[PointName]) -> tuple[OperatingPoint, ...]:
-    """The named points after the three that every report needs, or all."""
-    always = ("reference", "complete", "exact")
-    return tuple(point for point in POINTS if not names or point.name in (*always, *names))
-
-
-def _contestant(trained: TrainedActor[ActorsNeRFState], point: OperatingPoint) -> Contestant:
-    return Contestant(point.name, point.says, point.kind, point.precision, at_point(trained, point))
+    return report, measured
 
 
 def _memory(
-    subject: _Subject, points: Sequence[OperatingPoint], options: ReportOptions
+    subject: _Subject,
+    drawing: Sequence[Contestant],
+    points: Sequence[OperatingPoint],
+    options: ReportOptions,
 ) -> tuple[float | None, ...]:
+    """Of every contestant: the points first, then the baked files."""
     if not options.memory:
-        return (None,) * len(points)
+        return (None,) * len(drawing)
     effort = Effort(1, options.reference_share, options.seed)
-    jobs = [
-        MemoryJob(
-            subject.trained.path,
-            subject.data,
-            point,
-            effort,
-            torch.get_num_threads(),
-            options.device,
-        )
-        for point in points
-    ]
-    return peak_memory(jobs)
+    asked: list[OperatingPoint | None] = [*points]
+    asked += [None] * (len(drawing) - len(points))
+    threads = torch.get_num_threads()
+    return peak_memory(
+        [
+            MemoryJob(one.actor.path, subject.data, point, effort, threads, options.device)
+            for one, point in zip(drawing, asked, strict=True)
+        ]
+    )
 
 
 def _reference_pixels(reference: Measured) -> int:
     return sum(drawn.pixels.shape[0] for drawn in reference.drawn if drawn.pixels is not None)
 
 
-__all__ = ["ReportOptions", "chosen_points", "run_report"]
+__all__ = ["ReportOptions", "run_report"]

@@ -18,13 +18,13 @@ from tqdm import tqdm
 
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
-from actorsnerf_model.render import render
 from actorsnerf_model.states import Counts, Rendering
 from actorsnerf_train.config import Precision
 from actorsnerf_train.methods import DTYPES
 from actorsnerf_train.report.frames import Frame
 from actorsnerf_train.report.points import Kind
 from actorsnerf_train.trained import TrainedActor
+from actorsnerf_train.trained import draw as draw_actor
 
 REFERENCE_RAYS = 1024
 """Rays that the reference lays out at once; bounds its memory."""
@@ -124,7 +124,7 @@ def draw(contestant: Contestant, frame: Frame, effort: Effort) -> Drawn:
     pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
     options = actor.config.render
     if contestant.kind != "reference":
-        return Drawn(render(actor.method, actor.state, pose, frame.camera, options), None)
+        return Drawn(draw_actor(actor, pose, frame.camera, options), None)
     pixels = shared_pixels(frame, effort)
     rays = rays_through(pixels.to(frame.camera.K), frame.camera)
     pieces = [

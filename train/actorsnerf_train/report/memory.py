@@ -11,10 +11,11 @@ import torch
 
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.allocator import keep_memory
+from actorsnerf_train.report.contestants import contestant_of
 from actorsnerf_train.report.frames import report_frames
-from actorsnerf_train.report.measure import Contestant, Effort, draw
-from actorsnerf_train.report.points import OperatingPoint, at_point
-from actorsnerf_train.trained import load_trained
+from actorsnerf_train.report.measure import Effort, draw
+from actorsnerf_train.report.points import OperatingPoint
+from actorsnerf_train.trained import load_actor
 
 STATUS = Path("/proc/self/status")
 
@@ -23,9 +24,11 @@ STATUS = Path("/proc/self/status")
 class MemoryJob:
     """One frame to draw."""
 
-    checkpoint: Path
+    source: Path
+    """Checkpoint, or baked file."""
     data: Path
-    point: OperatingPoint
+    point: OperatingPoint | None
+    """None: as a baked file draws it."""
     effort: Effort
     threads: int
     device: str
@@ -50,12 +53,10 @@ def frame_memory(job: MemoryJob) -> float | None:
     keep_memory()
     torch.set_num_threads(job.threads)
     device = torch.device(job.device)
-    trained = load_trained(job.checkpoint, device)
+    trained = load_actor(job.source, device)
     with SequenceFile(job.data) as file:
         frame = report_frames(trained, file, 1, 1)[0]
-    point = job.point
-    actor = at_point(trained, point)
-    contestant = Contestant(point.name, point.says, point.kind, point.precision, actor)
+    contestant = contestant_of(trained, job.point)
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
         before = torch.cuda.memory_allocated(device)

@@ -1,0 +1,79 @@
+"""Who draws the frames: a fitted actor at its operating points, and its baked forms."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_model.filled_cells import FilledActor
+from actorsnerf_train.report.measure import Contestant
+from actorsnerf_train.report.points import (
+    POINTS,
+    OperatingPoint,
+    PointName,
+    at_point,
+    where_filled,
+)
+from actorsnerf_train.trained import TrainedActor, load_baked
+
+
+def chosen_points(names: Sequence[PointName]) -> tuple[OperatingPoint, ...]:
+    """The named points after the three that every report needs, or all."""
+    always = ("reference", "complete", "exact")
+    return tuple(point for point in POINTS if not names or point.name in (*always, *names))
+
+
+def contestants(
+    trained: TrainedActor[Any], points: Sequence[OperatingPoint], baked: Sequence[Path]
+) -> list[Contestant]:
+    """The actor at each point, then the baked files that show it.
+
+    Raises:
+        BakedFileError: no such file, or it is no baked actor.
+    """
+    filled = where_filled(trained) if any(point.skip_empty for point in points) else None
+    drawing = [contestant_of(trained, point, filled) for point in points]
+    loaded = [load_baked(path, trained.device) for path in baked]
+    return drawing + [contestant_of(one) for one in loaded if one.actor == trained.actor]
+
+
+def contestant_of(
+    trained: TrainedActor[Any],
+    point: OperatingPoint | None = None,
+    filled: FilledActor[Any] | None = None,
+) -> Contestant:
+    """An actor at an operating point; without one, a baked actor as its file says.
+
+    Args:
+        trained: the actor.
+        point: of a fitted actor.
+        filled: its filled cells, where they are known.
+    """
+    if point is None:
+        name = f"baked {trained.path.stem}"
+        return Contestant(name, _baked_says(trained), "baked", "float32", trained)
+    actor = at_point(trained, point, filled)
+    return Contestant(point.name, point.says, point.kind, point.precision, actor)
+
+
+def refuse_strangers(actors: Sequence[str], baked: Sequence[TrainedActor[Any]]) -> None:
+    """Nothing, if every baked file shows one of the actors.
+
+    Raises:
+        UserError: one shows somebody else.
+    """
+    for one in baked:
+        if one.actor not in actors:
+            raise UserError(
+                f"{one.path}: shows {one.actor}, but the checkpoints are fitted to "
+                f"{', '.join(actors)}: leave the file out, or report on its checkpoint."
+            )
+
+
+def _baked_says(trained: TrainedActor[Any]) -> str:
+    assert trained.baking is not None
+    voxel = 1e3 * trained.baking.options.voxel
+    return f"baked at {voxel:g} mm, {trained.path.stat().st_size / 1e6:.1f} MB"
+
+
+__all__ = ["chosen_points", "contestant_of", "contestants", "refuse_strangers"]

@@ -1,0 +1,85 @@
+"""The reference's training step: every sample through every network, patch by patch.
+
+The actor's state is computed once a step and cut off: each patch adds to the gradients of its
+tensors, and one last pass carries them on into the weights. So no more than one patch's samples are
+held at a time, and nothing runs twice.
+"""
+
+import dataclasses
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_model.rays import rays_through
+from actorsnerf_model.reference import reference_render_pixels
+from actorsnerf_train.batches import at_pixels, camera_of, on_background
+from actorsnerf_train.losses import training_losses
+from actorsnerf_train.methods import KnownActor, step_state
+from actorsnerf_train.objective import Objective
+
+Value = TypeVar("Value")
+
+
+def reference_step(
+    objective: Objective,
+    sample: Sample,
+    known: KnownActor,
+    window: float,
+    generator: torch.Generator | None,
+) -> float:
+    """The total loss of a sample, after its gradients were added to the parameters'.
+
+    Args:
+        objective: method, losses and options.
+        sample: target, supports and patches.
+        known: what is kept of its actor.
+        window: open bands of the deformation's encoding.
+        generator: jitters the samples; None spaces them evenly.
+    """
+    target, method = sample.target, objective.method
+    state, residual = step_state(method, sample.supports, known, window)
+    cuts: list[tuple[Tensor, Tensor]] = []
+    leaf = cut_off(state, cuts)
+    picture = on_background(target, objective.options.background)
+    weights = dataclasses.replace(objective.weights, skinning=0.0)
+    count = sample.patches.shape[0]
+    total = 0.0
+    for patch in sample.patches.split(1):
+        pose = method.pose_state(leaf, target.pose, target.rest_joints)
+        rays = rays_through(patch.reshape(-1, 2).to(target.K.dtype), camera_of(target))
+        seen = reference_render_pixels(method, leaf, pose, rays, objective.options, generator)
+        truth = at_pixels(picture, patch)
+        colours = seen.rgb.reshape(truth.shape)
+        losses = training_losses(colours, truth, residual.detach(), objective.perceptual, weights)
+        torch.autograd.backward(losses.total / count)
+        total += float(losses.total.detach()) / count
+    rest = objective.weights.skinning * residual
+    given = [(whole, part.grad) for whole, part in cuts if part.grad is not None]
+    roots = [whole for whole, _ in given]
+    gradients = [gradient for _, gradient in given]
+    if rest.requires_grad:
+        roots.append(rest)
+        gradients.append(torch.ones_like(rest))
+    if roots:
+        torch.autograd.backward(roots, gradients)
+    return total + float(rest.detach())
+
+
+def cut_off(value: Value, cuts: list[tuple[Tensor, Tensor]]) -> Value:
+    """The same value with every tensor that has a history replaced by a leaf; both are noted."""
+    cut: Any = value
+    if isinstance(value, Tensor) and value.requires_grad:
+        cut = value.detach().requires_grad_(True)
+        cuts.append((value, cut))
+    elif isinstance(value, tuple):
+        cut = tuple(cut_off(item, cuts) for item in value)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = {f.name: cut_off(getattr(value, f.name), cuts) for f in dataclasses.fields(value)}
+        cut = dataclasses.replace(value, **parts)
+    done: Value = cut
+    return done
+
+
+__all__ = ["cut_off", "reference_step"]

@@ -1,0 +1,114 @@
+"""What a frame's time depends on: the person's pixels, samples and views; not the picture.
+
+The point is `complete`, one frame: every sample in the shell, so that work can be foretold.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_model.states import Counts
+from actorsnerf_train.methods import build_method
+from actorsnerf_train.report.frames import Frame, resized
+from actorsnerf_train.report.measure import Contestant, Effort, draw, field_flops, now, spread
+from actorsnerf_train.report.rows import PartRow, ScalingRow
+from actorsnerf_train.trained import TrainedActor
+
+PICTURES = (1.0, 2.0, 4.0)
+"""Sides of the picture, as multiples, around a person who stays as large."""
+PERSONS = (0.5, 1.0, 2.0)
+"""Sides of the person and the picture, as multiples."""
+SAMPLES = (0.25, 0.5, 1.0, 2.0)
+"""Samples per ray, as multiples of the training's."""
+UNSHARED = Effort(rounds=1, share=1.0, seed=0)
+
+
+def scaling_rows(complete: Contestant, frame: Frame, rounds: int) -> tuple[ScalingRow, ...]:
+    """The frame in larger pictures, with a larger person, and with more samples, in turns."""
+    width, height = frame.camera.size
+    cases: list[tuple[str, str, Contestant, Frame]] = []
+    for factor in PICTURES:
+        size = (round(factor * width), round(factor * height))
+        name = f"{size[0]}x{size[1]}"
+        cases.append(("picture, same person", name, complete, resized(frame, size, 1.0)))
+    for factor in PERSONS:
+        size = (round(factor * width), round(factor * height))
+        name = f"{size[0]}x{size[1]}"
+        cases.append(("person and picture", name, complete, resized(frame, size, factor)))
+    for factor in SAMPLES:
+        config = complete.actor.config
+        samples = max(1, round(factor * config.render.samples))
+        options = replace(config.render, samples=samples)
+        actor = replace(complete.actor, config=replace(config, render=options))
+        one = replace(complete, actor=actor)
+        cases.append(("samples per ray", str(samples), one, frame))
+    timed = _in_turns([(who, what) for _, _, who, what in cases], rounds)
+    return tuple(
+        ScalingRow(varied, value, spread(times).median, counts.rays, counts.survivors)
+        for (varied, value, _, _), (times, counts) in zip(cases, timed, strict=True)
+    )
+
+
+def part_rows(
+    trained: TrainedActor[Any], complete: Contestant, frame: Frame, rounds: int
+) -> tuple[PartRow, ...]:
+    """The frame by the same method without one of its parts, and with fewer views, in turns.
+
+    Random weights, but the trained skinning volume: the same samples reach the networks. No rows
+    for a method without these parts.
+    """
+    model = trained.config.model
+    if not isinstance(model, ActorsNeRFConfig):
+        return ()
+    cases = [("nothing", complete)]
+    for name in ("deformation", "pixel_features", "body_features"):
+        if getattr(model, name):
+            changed = replace(model, **{name: False})
+            cases.append((name.replace("_", " "), _rebuilt(trained, complete, changed)))
+    for views in range(1, model.views):
+        changed = replace(model, views=views)
+        what = f"views: {views} of {model.views}"
+        cases.append((what, _rebuilt(trained, complete, changed)))
+    timed = _in_turns([(who, frame) for _, who in cases], rounds)
+    return tuple(
+        PartRow(name, spread(times), field_flops(who, frame), counts.survivors)
+        for (name, who), (times, counts) in zip(cases, timed, strict=True)
+    )
+
+
+@torch.no_grad()
+def _rebuilt(
+    trained: TrainedActor[Any], complete: Contestant, model: ActorsNeRFConfig
+) -> Contestant:
+    """The contestant with another model of the same skinning volume."""
+    method = build_method(replace(trained.config, model=model), trained.device)
+    source: Any = trained.method
+    method.skinning.load_state_dict(source.skinning.state_dict())
+    method.eval()
+    supports = trained.supports[: model.views]
+    state = method.actor_state(supports, trained.state.window)
+    actor = replace(complete.actor, method=method, state=state, supports=supports)
+    return replace(complete, actor=actor)
+
+
+def _in_turns(
+    cases: Sequence[tuple[Contestant, Frame]], rounds: int
+) -> list[tuple[list[float], Counts]]:
+    """Each case's times and work, after a warm-up."""
+    counts = [draw(who, frame, UNSHARED).rendering.counts for who, frame in cases]
+    times: list[list[float]] = [[] for _ in cases]
+    for turn in range(rounds):
+        for i in range(len(cases)):
+            number = (i + turn) % len(cases)
+            who, frame = cases[number]
+            device = frame.pose.device
+            began = now(device)
+            draw(who, frame, UNSHARED)
+            times[number].append(now(device) - began)
+    return list(zip(times, counts, strict=True))
+
+
+__all__ = ["PERSONS", "PICTURES", "SAMPLES", "part_rows", "scaling_rows"]
