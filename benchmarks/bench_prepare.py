@@ -229,7 +229,7 @@ def made_masks(count: int) -> Table:
                 make_mask(picture.image, stage, body)
     width, height = source.cameras[0].size
     rows = (
-        ("the empty stage, once per view and process", statistics.median(laps["background"])),
+        ("the empty stage, once per view", statistics.median(laps["background"])),
         ("silhouette of the fitted body, per picture", statistics.median(laps["silhouette"])),
         ("mask, per picture", statistics.median(laps["mask"])),
         (

@@ -16,6 +16,8 @@ from actorsnerf_preprocess.backgrounds import (
     Background,
     StageSample,
     estimate_background,
+    load_background,
+    save_background,
 )
 from actorsnerf_preprocess.given_masks import GivenMasks
 from actorsnerf_preprocess.masks import make_mask
@@ -50,7 +52,7 @@ class AistScene:
 
 
 class AistReader:
-    """Reads pictures of the views; made masks share one background per view and process."""
+    """Reads pictures of the views: a `StageReader`, whose made masks share one stage per view."""
 
     frames_per_task = 128
 
@@ -109,6 +111,34 @@ class AistReader:
         if camera_index not in self._backgrounds:
             self._backgrounds[camera_index] = self._estimated(camera_index)
         return self._backgrounds[camera_index]
+
+    def needs_stage(self, camera_index: int) -> bool:
+        """Whether no masks of this view are given."""
+        return self._given[camera_index] is None
+
+    def save_stage(self, camera_index: int, path: Path) -> None:
+        """Estimates a view's background and leaves it at `path`; nothing if no picture decodes.
+
+        That is said of each picture when it is read.
+
+        Raises:
+            SourceError: the disk refuses.
+        """
+        try:
+            background = self.background(camera_index)
+        except SourceError:
+            return
+        try:
+            save_background(path, background)
+        except OSError as error:
+            raise SourceError(
+                f"{path}: could not be written ({error}): is the disk full?"
+            ) from error
+
+    def load_stage(self, camera_index: int, path: Path) -> None:
+        """Takes what `save_stage` left in place of estimating it."""
+        if camera_index not in self._backgrounds:
+            self._backgrounds[camera_index] = load_background(path)
 
     def _picture(
         self, camera_index: int, frame_index: int, picture: UInt8, mask: UInt8 | Absent | None

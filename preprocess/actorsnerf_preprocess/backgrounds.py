@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -28,6 +29,26 @@ class Background:
     """(H, W) grey values: how much the picture varies where nobody stands, at least 2."""
     known: NDArray[np.bool_]
     """(H, W) whether enough pictures show the stage here; elsewhere it is filled in."""
+
+
+def save_background(path: Path, background: Background) -> None:
+    """Leaves a background at `path`, for `load_background`.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    with path.open("wb") as file:
+        np.savez(file, picture=background.picture, noise=background.noise, known=background.known)
+
+
+def load_background(path: Path) -> Background:
+    """What `save_background` left, bit for bit.
+
+    Raises:
+        OSError: there is no such file.
+    """
+    with np.load(path) as arrays:
+        return Background(arrays["picture"], arrays["noise"], arrays["known"])
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,14 @@ from actorsnerf_datasets.writer import StoredPicture, encode_picture
 from actorsnerf_preprocess.packed_masks import unpacked_mask
 from actorsnerf_preprocess.pictures import Crop, stored_picture, stored_size
 from actorsnerf_preprocess.probes import Probe, judged_mask, probe_picture
-from actorsnerf_preprocess.source import Absent, FrameReader, RawPicture, SplitReader
-from actorsnerf_preprocess.workers import PictureTask, load_job, load_lens
+from actorsnerf_preprocess.source import (
+    Absent,
+    FrameReader,
+    RawPicture,
+    SplitReader,
+    StageReader,
+)
+from actorsnerf_preprocess.workers import JobFile, PictureTask, load_job, load_lens
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,14 @@ class EncodeTask:
     """Of each picture, from its probe; empty: they are read again."""
     with_content: bool = False
     """Outcomes hold the pictures uncompressed too: for a writer near enough to want them."""
+
+
+@dataclass(frozen=True)
+class StageTask:
+    """The empty stage of one camera, to be estimated once for all processes."""
+
+    job: JobFile
+    camera: int
 
 
 @dataclass(frozen=True)
@@ -55,11 +69,21 @@ def probe_pictures(task: PictureTask) -> tuple[Probe, ...]:
     )
 
 
+def estimate_stage(task: StageTask) -> None:
+    """Leaves the stage of a camera beside the job."""
+    reader = load_job(task.job).source.reader
+    assert isinstance(reader, StageReader)
+    reader.save_stage(task.camera, task.job.stage(task.camera))
+
+
 def encode_pictures(task: EncodeTask) -> tuple[Outcome, ...]:
     """The second pass over the pictures of a task, in order."""
     pictures = task.pictures
     job = load_job(pictures.job)
     lens, _ = load_lens(pictures.job, pictures.camera)
+    stage = pictures.job.stage(pictures.camera)
+    if isinstance(job.source.reader, StageReader) and stage.is_file():
+        job.source.reader.load_stage(pictures.camera, stage)
     raw = _raw_pictures(job.source.reader, task)
     outcomes = []
     for frame, crop, found in zip(pictures.frames, task.crops, raw, strict=True):

@@ -1,8 +1,9 @@
 """A source sequence turned into a prepared file, in two passes over its pictures.
 
 The first pass reads masks and finds each person's box; the largest gives the sequence's crop size.
-The second decodes, undistorts, resizes, cuts and compresses in worker processes; this process
-only writes the chunks. Neither order nor bytes depend on the number of workers.
+Where masks are made, each camera's empty stage is estimated next. The second pass decodes,
+undistorts, resizes, cuts and compresses in worker processes; this process only writes the chunks.
+Neither order nor bytes depend on the number of workers.
 """
 
 import time
@@ -23,7 +24,9 @@ from actorsnerf_datasets.writer import StoredPicture, write_sequence
 from actorsnerf_preprocess.picture_tasks import (
     EncodeTask,
     Outcome,
+    StageTask,
     encode_pictures,
+    estimate_stage,
     probe_pictures,
 )
 from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
@@ -39,7 +42,7 @@ from actorsnerf_preprocess.run_report import (
     unusable_pictures,
     write_report,
 )
-from actorsnerf_preprocess.source import SourceError, SourceSequence
+from actorsnerf_preprocess.source import SourceError, SourceSequence, StageReader
 from actorsnerf_preprocess.usable_lists import usable_pairs, usable_protocol
 from actorsnerf_preprocess.workers import (
     TASKS_AHEAD,
@@ -102,6 +105,7 @@ def prepare_sequence(
         passes = _Passes(source, file, options, executor)
         probes = passes.probe()
         plan = _plan(source, probes, picture_options)
+        passes.estimate_stages(probes)
         outcomes: list[Outcome] = []
         write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
     seconds = time.perf_counter() - started
@@ -153,6 +157,17 @@ class _Passes:
                 bar.update(len(group))
         return probes
 
+    def estimate_stages(self, probes: Sequence[Probe]) -> None:
+        """The cameras' empty stages, where masks are made: once each, not once per process."""
+        reader = self._source.reader
+        if not isinstance(reader, StageReader):
+            return
+        cameras = sorted({probe.camera for probe in probes if probe.box})
+        tasks = [StageTask(self._file, each) for each in cameras if reader.needs_stage(each)]
+        with self._bar("stages", len(tasks)) as bar:
+            for _ in in_order(self._executor, estimate_stage, tasks, self._ahead):
+                bar.update()
+
     def encode(
         self, probes: Sequence[Probe], plan: _Plan, outcomes: list[Outcome]
     ) -> Iterator[StoredPicture]:
@@ -193,7 +208,7 @@ class _Passes:
         return tqdm(
             total=total,
             desc=f"{self._source.found.name} {what}",
-            unit="picture",
+            unit=what.removesuffix("s"),
             disable=not self._progress,
         )
 

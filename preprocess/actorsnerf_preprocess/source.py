@@ -142,6 +142,24 @@ class SplitReader(FrameReader, Protocol):
         """As `read_many` without masks, for pictures whose mask `probe` gave."""
 
 
+@runtime_checkable
+class StageReader(FrameReader, Protocol):
+    """A reader that makes masks from each camera's empty stage, which processes can share."""
+
+    def needs_stage(self, camera_index: int) -> bool:
+        """Whether masks of this camera are made."""
+
+    def save_stage(self, camera_index: int, path: Path) -> None:
+        """Estimates a camera's stage and leaves it at `path`; nothing if no picture is readable.
+
+        Raises:
+            SourceError: the disk refuses.
+        """
+
+    def load_stage(self, camera_index: int, path: Path) -> None:
+        """Takes what `save_stage` left in place of estimating it; nothing if it has it already."""
+
+
 @dataclass(frozen=True)
 class SourceSequence:
     """All of a sequence but its pictures, and how to read those."""

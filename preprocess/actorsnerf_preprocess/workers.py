@@ -46,6 +46,10 @@ class JobFile:
     path: Path
     digest: str
 
+    def stage(self, camera: int) -> Path:
+        """Where the processes share a camera's empty stage; deleted with the job."""
+        return self.path.with_name(f"{self.path.name}.stage{camera}.npz")
+
 
 @dataclass(frozen=True)
 class PictureTask:
@@ -59,13 +63,18 @@ class PictureTask:
 
 @contextmanager
 def job_file(path: Path, job: Job) -> Iterator[JobFile]:
-    """The job as a file, which is deleted on the way out."""
+    """The job as a file, which is deleted on the way out, with the stages beside it."""
     content = pickle.dumps(job, protocol=pickle.HIGHEST_PROTOCOL)
+    file = JobFile(path, hashlib.sha256(content).hexdigest())
+    stages = [file.stage(camera) for camera in range(len(job.source.cameras))]
     try:
+        for stage in stages:  # a killed run leaves them
+            stage.unlink(missing_ok=True)
         _write(path, content)
-        yield JobFile(path, hashlib.sha256(content).hexdigest())
+        yield file
     finally:
-        path.unlink(missing_ok=True)
+        for left in (path, *stages):
+            left.unlink(missing_ok=True)
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,5 @@
 import pickle
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,14 @@ import pytest
 
 from actorsnerf_datasets.cameras import camera_centre
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_preprocess import aist_reader
 from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
 from actorsnerf_preprocess.aist_checks import SMPL_OF_COCO
+from actorsnerf_preprocess.aist_reader import AistReader
+from actorsnerf_preprocess.backgrounds import Background, estimate_background
 from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
 from actorsnerf_preprocess.source import OpenOptions, SourceError
+from actorsnerf_preprocess.workers import load_job
 
 POSES = ("smpl_poses", "smpl_trans")
 
@@ -54,6 +59,42 @@ def test_a_prepared_file_holds_what_was_photographed(aist: Any, tmp_path: Path) 
         person = picture.alpha == 255
         # The dancer is drawn in one colour, RGB 220, 60, 40; thin limbs are blurred by the video.
         np.testing.assert_allclose(np.median(picture.rgb[person], 0), [220, 60, 40], atol=15)
+
+
+class Forgetful(Executor):
+    """Runs each task at once, and as if in a new process: nothing is remembered between tasks."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        load_job.cache_clear()
+        future: Future[Any] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_stages_are_estimated_once_per_view_for_all_processes(
+    aist: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = open_aist(find_aist(aist.root)[0], OpenOptions(body_model=aist.body, pairs="all"))
+    estimated: list[int] = []
+
+    def counted(samples: Any) -> Background:
+        estimated.append(len(samples))
+        return estimate_background(samples)
+
+    monkeypatch.setattr(aist_reader, "estimate_background", counted)
+    monkeypatch.setattr(AistReader, "frames_per_task", 3)
+    files = []
+    for name, executor in (("one", None), ("many", Forgetful())):
+        out = tmp_path / name
+        out.mkdir()
+        leftover = out / f"{aist.name}.job.part.stage2.npz"
+        leftover.write_bytes(b"of a run that was killed")
+        prepare_sequence(source, out, PrepareOptions(contact_sheet=False), executor)
+        assert sorted(path.suffix for path in out.iterdir()) == [".h5", ".json"]
+        assert len(estimated) == 3
+        estimated.clear()
+        files.append((out / f"{aist.name}.h5").read_bytes())
+    assert files[0] == files[1]
 
 
 def test_only_what_the_protocol_uses_is_wanted(aist: Any) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from actorsnerf_datasets.types import UInt8
+from actorsnerf_preprocess import aist_reader
 from actorsnerf_preprocess.aist import open_aist
 from actorsnerf_preprocess.aist_reader import AistReader
 from actorsnerf_preprocess.backgrounds import Background
@@ -17,7 +18,9 @@ from actorsnerf_preprocess.source import (
     MaskProbe,
     OpenOptions,
     RawPicture,
+    SourceError,
     SourceSequence,
+    StageReader,
 )
 
 
@@ -130,6 +133,49 @@ def test_the_pickled_reader_carries_no_background(aist: Any) -> None:
     before = len(pickle.dumps(source.reader))
     backdrop(source, 0)
     assert len(pickle.dumps(source.reader)) == before
+
+
+def test_a_shared_stage_is_the_estimated_one_and_is_not_estimated_again(
+    aist: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reader = opened(aist).reader
+    assert isinstance(reader, StageReader) and reader.needs_stage(1)
+    copy = pickle.loads(pickle.dumps(reader))
+    reader.save_stage(1, tmp_path / "stage")
+    expected = next(reader.read_many(1, [5]))
+
+    def again(_: object) -> None:
+        raise AssertionError("estimated again")
+
+    monkeypatch.setattr(aist_reader, "estimate_background", again)
+    with pytest.raises(AssertionError, match="estimated again"):
+        next(copy.read_many(1, [5]))
+    copy.load_stage(1, tmp_path / "stage")
+    for name in ("picture", "noise", "known"):
+        ours, theirs = getattr(copy.background(1), name), getattr(reader.background(1), name)
+        assert np.array_equal(ours, theirs) and ours.dtype == theirs.dtype
+    assert np.array_equal(mask_of(next(copy.read_many(1, [5]))), mask_of(expected))
+
+
+def test_no_stage_is_left_of_a_video_that_cannot_be_decoded(aist: Any, tmp_path: Path) -> None:
+    reader = opened(aist).reader
+    assert isinstance(reader, StageReader)
+    reader.files(0, 0)[0].unlink()
+    reader.save_stage(0, tmp_path / "stage")
+    assert not (tmp_path / "stage").exists()
+
+
+def test_a_stage_that_cannot_be_written_is_a_sentence(aist: Any, tmp_path: Path) -> None:
+    reader = opened(aist).reader
+    assert isinstance(reader, StageReader)
+    with pytest.raises(SourceError, match=r"gone/stage: could not be written .* disk full\?"):
+        reader.save_stage(0, tmp_path / "gone" / "stage")
+
+
+def test_given_masks_need_no_stage(aist: Any) -> None:
+    reader = opened(aist, masks=aist.masks).reader
+    assert isinstance(reader, StageReader)
+    assert not any(reader.needs_stage(camera) for camera in range(3))
 
 
 def test_files_exist(aist: Any) -> None:
