@@ -25,7 +25,7 @@ def cluster_team(address: str) -> Iterator[Executor]:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
         raise SourceError(
-            "--scheduler needs dask.distributed: pip install distributed, here and on the workers."
+            "--scheduler needs dask.distributed: pip install '.[cluster]', here and on the workers."
         ) from error
     try:
         client = distributed.Client(address, timeout="20s")

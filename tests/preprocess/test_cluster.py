@@ -1,5 +1,7 @@
 import sys
+import tomllib
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -7,6 +9,8 @@ import pytest
 
 from actorsnerf_preprocess.cluster import cluster_team
 from actorsnerf_preprocess.source import SourceError
+
+PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
 class FakeClient:
@@ -47,6 +51,12 @@ def test_a_silent_scheduler_is_a_sentence() -> None:
 
 def test_without_dask_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    message = "pip install distributed"
+    message = r"--scheduler needs dask\.distributed: pip install '\.\[cluster\]', here and on"
     with pytest.raises(SourceError, match=message), cluster_team("tcp://here:8786"):
         pass
+
+
+def test_the_extra_that_the_sentence_names_has_dask() -> None:
+    project = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]
+    extra = project["optional-dependencies"]["cluster"]
+    assert any(requirement.startswith("distributed") for requirement in extra)
