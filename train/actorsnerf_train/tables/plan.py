@@ -169,22 +169,24 @@ def _refuse_missing_settings(path: Path, study: Study) -> None:
 
 
 def _steps_done(folder: Path) -> int:
-    entries = _log(folder)
-    return int(entries[-1]["step"]) if entries else 0
+    trained = _trained(folder)
+    return trained[0] if trained else 0
 
 
 def _pace(run: Run) -> float | None:
     """Seconds a step, once a fifth of the run is behind it: first steps are slow."""
-    entries = _log(run.folder)
-    if not entries or entries[-1]["step"] < run.steps / 5:
+    trained = _trained(run.folder)
+    if trained is None or trained[0] < run.steps / 5:
         return None
-    return float(entries[-1]["seconds"] / entries[-1]["step"])
+    return trained[1] / trained[0]
 
 
-def _log(folder: Path) -> list[dict[str, float]]:
+def _trained(folder: Path) -> tuple[int, float] | None:
+    """Steps and seconds of a run so far, from its log; None if it has none."""
     path = folder / "log.jsonl"
-    if not path.is_file():
-        return []
-    lines = [line for line in path.read_text().splitlines() if line.endswith("}")]
-    entries = [json.loads(line) for line in lines]
-    return [entry for entry in entries if "step" in entry and "seconds" in entry]
+    lines = path.read_text().splitlines() if path.is_file() else []
+    whole = [line for line in lines if line.endswith("}")]  # a killed run ends within a line
+    if not whole:
+        return None
+    entry = json.loads(whole[-1])
+    return int(entry["step"]), float(entry["seconds"])

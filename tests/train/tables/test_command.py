@@ -1,0 +1,82 @@
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from actorsnerf_train.__main__ import main
+from actorsnerf_train.options import Resources
+from actorsnerf_train.tables import command
+from actorsnerf_train.tables.command import TablesOptions, run_tables
+from actorsnerf_train.tables.execute import execute
+from actorsnerf_train.tables.plan import Run
+
+if TYPE_CHECKING:
+    from tests.train.conftest import People
+    from tests.train.tables.conftest import WriteResult
+
+
+def test_results_become_tables(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.9, 50.0))
+    write((24.0, 0.9, 60.0), method="humannerf", step=400, limited=True)
+    told = run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
+    names = [Path(line.removeprefix("table: ")).name for line in told]
+    assert names == [
+        f"{name}_{convention}{ending}"
+        for convention in ("paper", "box")
+        for name, ending in (
+            ("table", ".md"),
+            ("table", ".csv"),
+            ("table", ".tex"),
+            ("lpips", ".png"),
+        )
+    ]
+    text = (tmp_path / "out" / "table_paper.md").read_text()
+    assert "**Not at equal steps**" in text
+    assert "Only part of the protocol" in text
+    assert "Machines: abacus." in text
+
+
+def test_what_is_missing_is_made_and_nothing_twice(
+    people: "People", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def noted(run: Run, *rest: object) -> None:
+        made.append(run.folder.name)
+        execute(run, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(command, "execute", noted)
+    options = TablesOptions(
+        tmp_path,
+        data=(people.eve,),
+        preset="tiny",
+        methods=("humannerf",),
+        settings=("fewshot-5",),
+        steps=2,
+        max_frames=1,
+        use=Resources(workers=0, check=False),
+    )
+    run_tables(options)
+    run_tables(options)
+    assert made == ["eve-fewshot-5-humannerf-seed0"]
+    assert "HumanNeRF" in (tmp_path / "table_box.md").read_text()
+
+
+def test_a_dry_run_only_tells(
+    people: "People", tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["tables", "--data", str(people.folder), "--out", str(tmp_path / "out"), "--dry-run"]
+    words += ["--preset", "tiny", "--settings", "fewshot-5"]
+    assert main(words) == 0
+    told = capsys.readouterr().out
+    assert "missing category  (300 steps)" in told
+    assert "missing eve-fewshot-5-humannerf-seed0  (200 steps)" in told
+    assert "not counting 3 runs" in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_exit_statuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tables", "--out", str(tmp_path)]) == 2
+    assert "no result of a few-shot training" in capsys.readouterr().err
+    assert main(["tables", "--out", str(tmp_path), "--dry-run"]) == 2
+    assert "no run is planned" in capsys.readouterr().err

@@ -1,0 +1,40 @@
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from actorsnerf_train.checkpoint import load_checkpoint
+from actorsnerf_train.options import Resources
+from actorsnerf_train.result_file import read_result
+from actorsnerf_train.tables.execute import execute
+from actorsnerf_train.tables.plan import Run
+
+if TYPE_CHECKING:
+    from tests.train.conftest import People
+
+USE = Resources(workers=0, check=False)
+
+
+def test_an_ablation_from_category_to_result(people: "People", tmp_path: Path) -> None:
+    category = Run(
+        tmp_path / "category-no-deformation", "no-deformation", (people.ann,), None, 0, 2
+    )
+    execute(category, "tiny", None, USE, None)
+    assert category.status == "done"
+    assert not any("deformation" in n for n in load_checkpoint(category.folder).part("model"))
+    run = Run(tmp_path / "eve", "no-deformation", (people.eve,), "fewshot-5", 3, 2)
+    execute(run, "tiny", None, USE, 1)
+    assert run.status == "done"
+    result = read_result(run.folder / "evaluation")
+    assert (result.seed, result.step, result.limited) == (3, 2, True)
+    assert result.pretrained_from == load_checkpoint(category.folder).info.tensors_sha256
+
+
+@pytest.mark.parametrize("method", ["humannerf", "scratch"])
+def test_rows_without_a_category(people: "People", tmp_path: Path, method: str) -> None:
+    run = Run(tmp_path / method, method, (people.eve,), "fewshot-5", 0, 2)  # type: ignore[arg-type]
+    execute(run, "tiny", None, USE, 1)
+    result = read_result(run.folder / "evaluation")
+    assert result.method == ("humannerf" if method == "humannerf" else "actorsnerf")
+    assert result.pretrained_from is None
+    assert result.encoder == (None if method == "humannerf" else "resnet18")

@@ -1,0 +1,86 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.tables.plan import Run, Study, hours_left, make_plan
+
+if TYPE_CHECKING:
+    from tests.train.conftest import People
+
+
+@pytest.fixture
+def study(people: "People", tmp_path: Path) -> Study:
+    return Study(
+        files=(people.folder,),
+        out=tmp_path / "runs",
+        preset="tiny",
+        methods=("actorsnerf", "humannerf", "no-deformation"),
+        settings=("fewshot-5",),
+        list_name=None,
+        seeds=(0, 1),
+        steps=10,
+        pretrain_steps=100,
+    )
+
+
+def train(run: Run, steps: int, seconds: float) -> None:
+    """As if the run had been trained that far."""
+    run.folder.mkdir(parents=True)
+    entry = {"step": steps, "seconds": seconds, "lpips": 0.1}
+    (run.folder / "log.jsonl").write_text(json.dumps(entry) + "\n")
+
+
+def test_categories_come_first_and_rows_begin_from_theirs(study: Study, people: "People") -> None:
+    runs = make_plan(study)
+    assert [run.folder.name for run in runs] == [
+        "category",
+        "category-no-deformation",
+        "eve-fewshot-5-actorsnerf-seed0",
+        "eve-fewshot-5-humannerf-seed0",
+        "eve-fewshot-5-no-deformation-seed0",
+        "eve-fewshot-5-actorsnerf-seed1",
+        "eve-fewshot-5-humannerf-seed1",
+        "eve-fewshot-5-no-deformation-seed1",
+    ]
+    assert runs[0].data == (people.ann, people.ben)
+    assert runs[0].steps == 100
+    assert {run.data for run in runs[2:]} == {(people.eve,)}
+    origins = [run.category.name if run.category else None for run in runs[2:5]]
+    assert origins == ["category", None, "category-no-deformation"]
+
+
+def test_status_and_time_left(study: Study) -> None:
+    runs = make_plan(study)
+    assert {run.status for run in runs} == {"missing"}
+    assert hours_left(runs) == (0.0, 8)
+    train(runs[0], 100, 400.0)
+    train(runs[2], 5, 36.0)
+    assert (runs[0].status, runs[2].status) == ("done", "begun")
+    # Left of ActorsNeRF's fittings: 5 steps and 10 steps of 7.2 s.
+    hours, unknown = hours_left(runs)
+    assert hours == pytest.approx(15 * 7.2 / 3600)
+    assert unknown == 5
+    (runs[2].folder / "evaluation").mkdir()
+    (runs[2].folder / "evaluation" / "result.json").write_text("{}")
+    assert runs[2].status == "done"
+
+
+def test_the_baseline_alone_needs_no_category(study: Study, people: "People") -> None:
+    alone = replace(study, files=(people.eve,), methods=("humannerf", "scratch"))
+    assert all(run.setting for run in make_plan(alone))
+    with pytest.raises(UserError, match="no file of a training actor"):
+        make_plan(replace(study, files=(people.eve,)))
+
+
+def test_someone_must_be_held_out(study: Study, people: "People") -> None:
+    with pytest.raises(UserError, match="no prepared file of a held-out actor"):
+        make_plan(replace(study, files=(people.ann, people.ben)))
+
+
+def test_a_setting_that_a_file_lacks(study: Study) -> None:
+    with pytest.raises(UserError, match="has no setting fewshot-300 for actor eve"):
+        make_plan(replace(study, settings=("fewshot-5", "fewshot-300")))

@@ -1,0 +1,62 @@
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from actorsnerf_train.tables.entry import gather
+from actorsnerf_train.tables.table import Table, make_table
+from actorsnerf_train.tables.writing import comma_separated, latex, markdown, write_table
+
+if TYPE_CHECKING:
+    from tests.train.tables.conftest import WriteResult
+
+
+@pytest.fixture
+def table(write: "WriteResult", tmp_path: Path) -> Table:
+    write((25.0, 0.91, 40.0))
+    write((27.0, 0.93, 30.0), seed=1)
+    write((24.0, 0.95, None), method="humannerf", pretrained_from=None, step=450)
+    return make_table(gather([tmp_path]), "paper")
+
+
+def test_markdown(table: Table) -> None:
+    lines = markdown(table).splitlines()
+    assert lines[0].startswith("Convention `paper`, preset `small`, data set synthetic")
+    assert lines[2] == "| setting | list | method | eve | steps | training, s |"
+    assert lines[4] == (
+        "| fewshot-5 | official | ActorsNeRF | "
+        "26.00 ± 1.41 / 0.9200 ± 0.0141 / 35.0 ± 7.1 | 500 | 100 |"
+    )
+    assert lines[5] == "| fewshot-5 | official | HumanNeRF | 24.00 / 0.9500 / - | 450 | 100 |"
+
+
+def test_every_number_is_a_line(table: Table) -> None:
+    lines = list(csv.DictReader(comma_separated(table).splitlines()))
+    assert len(lines) == 2 * 3 + 2 * 2  # an only actor is also the mean; one LPIPS is missing
+    first = lines[0]
+    assert (first["method"], first["metric"], float(first["value"])) == ("ActorsNeRF", "PSNR", 26.0)
+    assert float(first["spread"]) == pytest.approx(2**0.5)
+    assert first["seeds"] == "2"
+
+
+def test_latex_marks_the_best(table: Table) -> None:
+    text = latex(table)
+    assert r"fewshot-5 & ActorsNeRF & \textbf{26.00} & 0.9200 & \textbf{35.0} \\" in text
+    assert r"fewshot-5 & HumanNeRF & 24.00 & \textbf{0.9500} & -- \\" in text
+    assert text.count(r"\begin{tabular}{llrrr}") == 1
+
+
+def test_differences_to_the_paper(write: "WriteResult", tmp_path: Path) -> None:
+    real = {"dataset": "zju-mocap", "preset": "official"}
+    for actor in ("387", "393", "394"):
+        write((27.0, 0.95, 50.0), actor=actor, **real)
+    text = markdown(make_table(gather([tmp_path]), "paper"))
+    assert "mean minus the paper's" in text
+    assert "-0.52 / -0.0066 / +5.1" in text
+
+
+def test_the_files(table: Table, tmp_path: Path) -> None:
+    paths = write_table(tmp_path, "main", table, ("A note.",))
+    assert [path.name for path in paths] == ["main.md", "main.csv", "main.tex"]
+    assert paths[0].read_text().endswith("\nA note.\n")
