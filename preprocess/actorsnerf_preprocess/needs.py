@@ -4,11 +4,14 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from actorsnerf_datasets.protocols import needed_pairs
 from actorsnerf_preprocess.aist_names import video_name
 from actorsnerf_preprocess.source import Found, OpenOptions
-from actorsnerf_preprocess.zju import protocol_of
+from actorsnerf_preprocess.zju import protocol_of, wanted_pairs
 from actorsnerf_preprocess.zju_choice import CANDIDATES, fit_folders
+from actorsnerf_preprocess.zju_converted import is_converted_tree, read_converted_tree
 from actorsnerf_preprocess.zju_fits import fit_file
 from actorsnerf_preprocess.zju_tree import is_zju_tree, read_tree
 
@@ -17,6 +20,8 @@ ORIGINS = (
     "sequence annots.npy, new_params/, new_vertices/, mask_cihp/, mask/, the camera folders.",
     "AIST++: annotations (CC BY 4.0) from google.github.io/aistplusplus_dataset; videos, after "
     "accepting the terms, from aistdancedb.ongaaccel.jp (10M or 2M versions).",
+    "Trees of HumanNeRF and ActorsNeRF: made from those downloads by these projects' own scripts; "
+    "per camera cameras.pkl, mesh_infos.pkl, images/ and masks/.",
     "Body models: register at smplify.is.tue.mpg.de (neutral, for ZJU-MoCap) and "
     "smpl.is.tue.mpg.de (male, for AIST++).",
 )
@@ -40,7 +45,7 @@ def needs_of(found: Found, options: OpenOptions) -> tuple[Need, ...]:
     """
     if is_zju_tree(found.path):
         return _zju_needs(found, options)
-    return () if found.dataset == "converted" else _aist_needs(found)
+    return _converted_needs(found, options) if is_converted_tree(found.path) else _aist_needs(found)
 
 
 def need_lines(found: Found, needs: tuple[Need, ...]) -> list[str]:
@@ -82,6 +87,23 @@ def _zju_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
         Need("pictures", len(wanted), tuple(pictures)),
         Need("masks", len(wanted), tuple(path.with_suffix(".png") for path in masks)),
         Need(f"fits ({folders.parameters})", len(frames), tuple(fits)),
+    )
+
+
+def _converted_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
+    """Pictures and masks, and the pickles, without which nothing more can be said."""
+    tree = read_converted_tree(found.path)
+    names = tuple(camera.name for camera in tree.cameras)
+    protocol = protocol_of(found, options, names, tree.frames)
+    wanted = np.argwhere(wanted_pairs(protocol, options, names, tree.frames)).tolist()
+    files = [tree.picture_files(camera, tree.frames[position]) for camera, position in wanted]
+    images = [tree.root / each.image for each in files]
+    masks = [tree.root / name for each in files for name in each.masks]
+    return (
+        Need("pictures", len(images), tuple(path for path in images if not path.is_file())),
+        Need("masks", len(masks), tuple(path for path in masks if not path.is_file())),
+        Need("cameras (cameras.pkl)", len(tree.folders), ()),
+        Need("fits (mesh_infos.pkl)", 1, ()),
     )
 
 
