@@ -15,16 +15,31 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.bricks import BrickGrid, BrickTable, brick_table, look_up
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
-from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
+from actorsnerf_model.occupancy import CELL
 from actorsnerf_model.offset_nodes import (
     OffsetNodes,
     offset_volume,
     offsets_at,
     offsets_in_pose,
 )
-from actorsnerf_model.skinning import SkinningVolume
+from actorsnerf_model.posed_grid import (
+    LEAST_LIKELIHOOD,
+    PARTS,
+    Anchors,
+    FilledCells,
+    PosedGrid,
+    anchors,
+    filled_cells,
+    posed_grid,
+)
+from actorsnerf_model.skinning import SkinningVolume, backward_warp
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
-from actorsnerf_model.states import FieldValues, Located, PoseState
+from actorsnerf_model.states import FieldValues, Located, Occupancy, PoseState
+
+
+PART_REACH = 0.6 * CELL / PARTS
+"""Metres around the middle of a part of a posed cell: to its sides and a fifth more. Its corners are
+farther, but a part whose very corner alone is filled hardly shows."""
 
 
 @dataclass(frozen=True)
@@ -52,23 +67,29 @@ class BakedState:
     data: BakedActorData
     table: BrickTable
     bounds: SkinningBounds
-    occupancy: OccupancyTables
+    filled: FilledCells
+    anchors: Anchors
 
 
 @dataclass(frozen=True)
 class BakedPose(PoseState):
-    """The state of a pose, and the deformation in it."""
+    """The state of a pose, with the deformation and the backward warp in it."""
 
     offsets: Float[Tensor, "z y x 3"] | None
     """Of `offset_volume`, metres."""
+    grid: PosedGrid
 
 
 @torch.no_grad()
 def baked_state(data: BakedActorData) -> BakedState:
     """The state of a baked actor, once per file."""
-    bounds = skinning_bounds(data.skinning)
+    filled = filled_cells(data.field, PART_REACH)
     return BakedState(
-        data, brick_table(data.field), bounds, occupancy_tables(data.skinning, bounds)
+        data,
+        brick_table(data.field),
+        skinning_bounds(data.skinning),
+        filled,
+        anchors(filled, data.skinning),
     )
 
 
@@ -97,11 +118,21 @@ class BakedActor:
         data = actor.data
         motions, back = bone_motions(pose, rest_joints, data.canonical_joints)
         bounds = observation_bounds(posed_frames(pose, rest_joints)[1])
-        occupancy = pose_occupancy(actor.occupancy, motions, bounds, data.threshold)
         offsets = None
         if data.offsets is not None:
             offsets = offset_volume(data.offsets, offsets_in_pose(data.offsets, pose))
-        return BakedPose(pose, motions, back, bounds, occupancy, offsets)
+
+        def rows_at(points: Tensor) -> Tensor:
+            warped, likelihood = backward_warp(points, data.skinning, motions, actor.bounds.support)
+            held = (likelihood > LEAST_LIKELIHOOD)[:, None]
+            if data.offsets is not None and offsets is not None:
+                warped = warped + offsets_at(warped, data.offsets, offsets)
+            return torch.cat([warped * held, held.to(warped), likelihood[:, None]], -1)
+
+        grid = posed_grid(actor.anchors, actor.filled, back, bounds, rows_at)
+        return BakedPose(
+            pose, motions, back, bounds, _occupancy(grid, data.threshold), offsets, grid
+        )
 
     @torch.no_grad()
     def locate(
@@ -120,6 +151,12 @@ class BakedActor:
         """Colour and density at located points."""
         rgb, density = look_up(actor.table, instance_points(actor, pose, located.canonical))
         return FieldValues(rgb, density)
+
+
+def _occupancy(grid: PosedGrid, threshold: float) -> Occupancy:
+    """What the general renderer skips by: the live parts."""
+    size = grid.low.new_tensor(grid.live.shape) * (grid.spacing / PARTS)
+    return Occupancy(torch.stack([grid.low, grid.low + size]), grid.live, threshold)
 
 
 def instance_points(

@@ -107,7 +107,7 @@ def look_up(
     last = ((shape + 2) * CELLS - 1).to(place)
     place = place.clamp(torch.zeros_like(last), last)
     cell = place.floor()
-    share = place - cell
+    share = (place - cell).T.contiguous()
     brick = (cell / CELLS).floor()
     local = cell - brick * CELLS
     # Whole numbers below 2^24: exact in float32.
@@ -121,7 +121,7 @@ def look_up(
 def read_corners(
     rows: Float[Tensor, "rows channels"],
     first: Int[Tensor, "points"],
-    share: Float[Tensor, "points 3"],
+    share: Float[Tensor, "3 points"],
     strides: tuple[int, int, int],
 ) -> Float[Tensor, "points channels"]:
     """Rows between the eight corners of cells.
@@ -134,7 +134,7 @@ def read_corners(
     """
     if first.shape[0] == 0:
         return rows[:0]
-    x, y, z = share.T.contiguous().unbind(0)
+    x, y, z = share.unbind(0)
     a, b = 1 - x, x
     ac, bc = a * (1 - y), b * (1 - y)
     ad, bd = a - ac, b - bc

@@ -12,8 +12,9 @@ from torch import Tensor
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import supports_from_tensors
 from actorsnerf_model.actor_states import ActorsNeRFState
-from actorsnerf_model.baked import BakedActor, BakedState, baked_state
+from actorsnerf_model.baked import BakedActor, BakedPose, BakedState, baked_state
 from actorsnerf_model.baked_file import SUFFIX, BakedFileError, read_baked
+from actorsnerf_model.baked_render import render_baked
 from actorsnerf_model.baking import BakeOptions, BakeReport
 from actorsnerf_model.render import render
 from actorsnerf_model.states import (
@@ -136,7 +137,11 @@ def draw(
         camera: seen from the posed body frame.
         options: how to spend work.
     """
-    return render(trained.method, trained.state, pose, camera, options)
+    method, state = trained.method, trained.state
+    if isinstance(method, BakedActor) and isinstance(state, BakedState):
+        assert isinstance(pose, BakedPose)
+        return render_baked(method, state, pose, camera, options)
+    return render(method, state, pose, camera, options)
 
 
 def load_trained(source: Path, device: torch.device) -> TrainedActor[ActorsNeRFState]:
