@@ -211,10 +211,34 @@ class Hostile:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A sound ZJU-MoCap tree of 4 frames and 3 cameras in a folder of its own, to be damaged."""
+class Site:
+    """A folder with a sound raw tree, to be damaged."""
 
     home: Path
+
+    @property
+    def out(self) -> Path:
+        return self.home / "out"
+
+    @property
+    def marker(self) -> Path:
+        """What a hostile pickle would make."""
+        return self.home / "executed"
+
+    def hostile(self, path: Path) -> None:
+        """Puts a pickle there that makes `marker` when it is executed."""
+        path.write_bytes(pickle.dumps(Hostile(self.marker)))
+
+    @staticmethod
+    def cut(path: Path) -> None:
+        """Leaves the first half of a file."""
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) // 2])
+
+
+@dataclass(frozen=True)
+class Scene(Site):
+    """A sound ZJU-MoCap tree of 4 frames and 3 cameras in a folder of its own, to be damaged."""
 
     @property
     def source(self) -> Path:
@@ -225,17 +249,8 @@ class Scene:
         return self.source / "CoreView_377"
 
     @property
-    def out(self) -> Path:
-        return self.home / "out"
-
-    @property
     def body(self) -> Path:
         return self.home / "tiny_neutral.npz"
-
-    @property
-    def marker(self) -> Path:
-        """What a hostile pickle would make."""
-        return self.home / "executed"
 
     def picture(self, camera: int, frame: int) -> Path:
         return self.tree / f"Camera_B{camera + 1}" / f"{frame:06d}.jpg"
@@ -272,16 +287,6 @@ class Scene:
             content = dict(arrays)
         change(content)
         np.savez(self.body, **content)
-
-    def hostile(self, path: Path) -> None:
-        """Puts a pickle there that makes `marker` when it is executed."""
-        path.write_bytes(pickle.dumps(Hostile(self.marker)))
-
-    @staticmethod
-    def cut(path: Path) -> None:
-        """Leaves the first half of a file."""
-        content = path.read_bytes()
-        path.write_bytes(content[: len(content) // 2])
 
     @staticmethod
     def fill(path: Path, level: int, size: tuple[int, int] = (160, 160)) -> None:
@@ -462,3 +467,66 @@ def _write_aist_video(tree: HandAist, entry: dict[str, Any], rng: np.random.Gene
 def aist(write_aist: WriteAist, tmp_path: Path) -> HandAist:
     """A sound AIST++ tree in a folder of its own."""
     return write_aist(tmp_path)
+
+
+@dataclass(frozen=True)
+class Stage(Site):
+    """A sound AIST++ tree of 8 frames and 3 cameras in a folder of its own, to be damaged."""
+
+    tree: HandAist
+
+    @property
+    def source(self) -> Path:
+        return self.tree.root
+
+    @property
+    def body(self) -> Path:
+        return next(self.home.glob("tiny_*.npz"), self.tree.body)
+
+    @property
+    def motion(self) -> Path:
+        return self.source / "annotations" / "motions" / f"{self.tree.name}.pkl"
+
+    @property
+    def mapping(self) -> Path:
+        return self.source / "annotations" / "cameras" / "mapping.txt"
+
+    @property
+    def setting(self) -> Path:
+        return self.mapping.with_name("setting7_1.json")
+
+    @property
+    def ignore_list(self) -> Path:
+        return self.source / "annotations" / "ignore_list.txt"
+
+    def video(self, camera: str) -> Path:
+        return self.source / "videos" / f"{self.tree.name.replace('cAll', camera)}.mp4"
+
+    def mask(self, camera: str, frame: int) -> Path:
+        return self.tree.masks / self.tree.name.replace("cAll", camera) / f"{frame:06d}.png"
+
+    def edit_motion(self, change: Callable[[dict[str, Any]], object]) -> None:
+        content = pickle.loads(self.motion.read_bytes())
+        change(content)
+        self.motion.write_bytes(pickle.dumps(content))
+
+    def edit_camera(self, change: Callable[[dict[str, Any]], object]) -> None:
+        """Changes the second camera."""
+        content = json.loads(self.setting.read_text())
+        change(content[1])
+        self.setting.write_text(json.dumps(content))
+
+    def write_video(self, camera: str, pictures: list[Any]) -> None:
+        """Puts a video of the given pictures in place of a camera's."""
+        height, width = pictures[0].shape[:2]
+        code = cv2.VideoWriter.fourcc(*"mp4v")
+        writer = cv2.VideoWriter(str(self.video(camera)), code, 60.0, (width, height))
+        for picture in pictures:
+            writer.write(picture)
+        writer.release()
+
+
+@pytest.fixture
+def stage(write_aist: WriteAist, tmp_path: Path) -> Stage:
+    """A sound tree of 128 x 96 pixels, a male body model, given masks, and room for an output."""
+    return Stage(tmp_path, write_aist(tmp_path, size=(128, 96)))

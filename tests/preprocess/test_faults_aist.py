@@ -3,173 +3,20 @@
 What these tests record goes into `benchmarks/results/faults.md`; see `scripts/fault_table.py`.
 """
 
-import json
-import os
-import pickle
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from actorsnerf_datasets.body_model import load_body_model, pose
 from actorsnerf_datasets.check import check_sequence
-from actorsnerf_datasets.conventions import world_from_body
 from actorsnerf_preprocess.__main__ import main
 
-NAME = "gBR_sBM_cAll_d04_mBR0_ch09"
-CAMERAS = ("c01", "c02", "c03")
 FRAMES = 8
 WIDTH, HEIGHT = 128, 96
-SCALING = 95.0
-
-
-class Hostile:
-    """Its pickle makes a folder when it is loaded without care."""
-
-    def __init__(self, marker: Path) -> None:
-        self.marker = marker
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
-        return os.mkdir, (str(self.marker),)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A sound AIST++ tree in a folder of its own, to be damaged."""
-
-    home: Path
-
-    @property
-    def source(self) -> Path:
-        return self.home / "aist"
-
-    @property
-    def out(self) -> Path:
-        return self.home / "out"
-
-    @property
-    def body(self) -> Path:
-        return next(self.home.glob("tiny_*.npz"), self.home / "tiny_male.npz")
-
-    @property
-    def masks(self) -> Path:
-        return self.home / "masks"
-
-    @property
-    def marker(self) -> Path:
-        return self.home / "executed"
-
-    @property
-    def motion(self) -> Path:
-        return self.source / "motions" / f"{NAME}.pkl"
-
-    @property
-    def mapping(self) -> Path:
-        return self.source / "cameras" / "mapping.txt"
-
-    @property
-    def setting(self) -> Path:
-        return self.source / "cameras" / "setting1.json"
-
-    def video(self, camera: str) -> Path:
-        return self.source / "videos" / f"{NAME.replace('cAll', camera)}.mp4"
-
-    def mask(self, camera: str, frame: int) -> Path:
-        return self.masks / NAME / camera / f"{frame:06d}.png"
-
-    def edit_motion(self, change: Callable[[dict[str, Any]], object]) -> None:
-        content = pickle.loads(self.motion.read_bytes())
-        change(content)
-        self.motion.write_bytes(pickle.dumps(content))
-
-    def edit_camera(self, change: Callable[[dict[str, Any]], object]) -> None:
-        """Changes the second camera."""
-        content = json.loads(self.setting.read_text())
-        change(content[1])
-        self.setting.write_text(json.dumps(content))
-
-    def write_video(self, camera: str, pictures: list[Any]) -> None:
-        height, width = pictures[0].shape[:2]
-        path = self.video(camera)
-        path.parent.mkdir(exist_ok=True)
-        code = cv2.VideoWriter.fourcc(*"mp4v")
-        writer = cv2.VideoWriter(str(path), code, 60.0, (width, height))
-        for picture in pictures:
-            writer.write(picture)
-        writer.release()
-
-
-@pytest.fixture
-def stage(tmp_path: Path, tiny_body: Path) -> Stage:
-    """Three cameras, eight frames, a grey stage with a coloured dancer, and given masks."""
-    rng = np.random.default_rng(4)
-    made = Stage(tmp_path)
-    made.body.write_bytes(tiny_body.read_bytes())
-    model = load_body_model(made.body)
-    poses = np.cumsum(rng.normal(0, 0.02, (FRAMES, 24, 3)), axis=0)
-    turn = np.linspace(0, 2 * np.pi, FRAMES, endpoint=False)
-    transl = np.stack([0.8 * np.sin(turn), np.full(FRAMES, 1.2), 0.8 * np.cos(turn)], axis=1)
-    vertices = []
-    for axis_angles, moved in zip(poses, transl, strict=True):
-        body = np.concatenate([np.zeros((1, 3)), axis_angles[1:]])
-        posed = pose(model, np.zeros(10), body)
-        matrix = world_from_body(axis_angles[0], moved, posed.rest_joints[0])
-        vertices.append(posed.vertices @ matrix[:3, :3].T + matrix[:3, 3])
-    made.motion.parent.mkdir(parents=True)
-    motion = {
-        "smpl_poses": poses.reshape(FRAMES, 72),
-        "smpl_scaling": np.array([SCALING]),
-        "smpl_trans": SCALING * transl,
-    }
-    made.motion.write_bytes(pickle.dumps(motion))
-    made.mapping.parent.mkdir()
-    made.mapping.write_text(f"{NAME} setting1\n")
-    cameras = [_camera(index) for index in range(len(CAMERAS))]
-    made.setting.write_text(json.dumps(cameras))
-    for camera in cameras:
-        pictures = [_drawn(made, camera, frame, world) for frame, world in enumerate(vertices)]
-        made.write_video(camera["name"], pictures)
-    return made
-
-
-def _camera(index: int) -> dict[str, Any]:
-    turn = 2 * np.pi * index / len(CAMERAS)
-    centre = np.array([4.0 * np.sin(turn), 1.3, 4.0 * np.cos(turn)])
-    forward = np.array([0.0, 0.95, 0.0]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    return {
-        "name": CAMERAS[index],
-        "size": [WIDTH, HEIGHT],
-        "matrix": [[150.0, 0, WIDTH / 2], [0, 150.0, HEIGHT / 2], [0, 0, 1]],
-        "rotation": cv2.Rodrigues(R)[0].ravel().tolist(),
-        "translation": (-R @ centre * SCALING).tolist(),
-        "distortions": [-0.05, 0, 0, 0, 0],
-    }
-
-
-def _drawn(made: Stage, camera: dict[str, Any], frame: int, world: Any) -> Any:
-    """The picture; its mask is written beside."""
-    K, lens = np.array(camera["matrix"]), np.array(camera["distortions"])
-    position = np.array(camera["translation"]) / SCALING
-    pixels, _ = cv2.projectPoints(world, np.array(camera["rotation"]), position, K, lens)
-    picture = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
-    for box in pixels.reshape(24, 8, 2):
-        hull = cv2.convexHull(np.round(box).astype(np.int32))
-        cv2.fillConvexPoly(picture, hull, (40, 60, 220))
-        cv2.fillConvexPoly(mask, hull, 255)
-    path = made.mask(camera["name"], frame)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), mask)
-    return picture
 
 
 @dataclass(frozen=True)
@@ -178,45 +25,40 @@ class Fault:
 
     name: str
     sentence: str
-    damage: Callable[[Stage], object]
+    damage: Callable[[Any], object]
     body: bool = True
     masks: bool = True
     """Given; else they are made."""
 
 
-def cut(path: Path) -> None:
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-
-
-def without_videos(stage: Stage) -> None:
-    for camera in CAMERAS:
+def without_videos(stage: Any) -> None:
+    for camera in stage.tree.names:
         stage.video(camera).unlink()
 
 
-def cut_videos(stage: Stage) -> None:
-    for camera in CAMERAS:
-        cut(stage.video(camera))
+def cut_videos(stage: Any) -> None:
+    for camera in stage.tree.names:
+        stage.cut(stage.video(camera))
 
 
-def ignored(stage: Stage) -> None:
-    (stage.source / "ignore_list.txt").write_text(f"{NAME} \n\n")
+def ignored(stage: Any) -> None:
+    stage.ignore_list.write_text(f"{stage.tree.name} \n\n")
 
 
-def frozen_video(stage: Stage) -> None:
+def frozen_video(stage: Any) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     stage.write_video("c02", [noise] * FRAMES)
 
 
-def swapped_videos(stage: Stage) -> None:
+def swapped_videos(stage: Any) -> None:
     spare = stage.source / "spare.mp4"
     stage.video("c01").rename(spare)
     stage.video("c02").rename(stage.video("c01"))
     spare.rename(stage.video("c02"))
     first, second = stage.mask("c01", 0).parent, stage.mask("c02", 0).parent
-    first.rename(stage.masks / "spare")
+    first.rename(stage.tree.masks / "spare")
     second.rename(first)
-    (stage.masks / "spare").rename(second)
+    (stage.tree.masks / "spare").rename(second)
 
 
 REFUSED = (
@@ -234,21 +76,21 @@ REFUSED = (
     Fault(
         "sequence is not in the mapping",
         "mapping.txt: names no camera setting for gBR",
-        lambda stage: stage.mapping.write_text("gWA_sFM_cAll_d25_mWA2_ch03 setting1\n"),
+        lambda stage: stage.mapping.write_text("gWA_sFM_cAll_d25_mWA2_ch03 setting7_1\n"),
     ),
     Fault(
         "mapping is damaged",
         "mapping.txt, line 1: 1 columns where a sequence and its camera",
-        lambda stage: stage.mapping.write_text(f"{NAME}\n"),
+        lambda stage: stage.mapping.write_text(f"{stage.tree.name}\n"),
     ),
     Fault(
         "camera file is truncated",
-        "setting1.json: cannot be read as json",
-        lambda stage: cut(stage.setting),
+        "setting7_1.json: cannot be read as json",
+        lambda stage: stage.cut(stage.setting),
     ),
     Fault(
         "camera file is missing",
-        "setting1.json: there is no such camera setting",
+        "setting7_1.json: there is no such camera setting",
         lambda stage: stage.setting.unlink(),
     ),
     Fault(
@@ -264,9 +106,9 @@ REFUSED = (
     Fault(
         "motion is a hostile pickle",
         "refused, because its pickle names posix.mkdir",
-        lambda stage: stage.motion.write_bytes(pickle.dumps(Hostile(stage.marker))),
+        lambda stage: stage.hostile(stage.motion),
     ),
-    Fault("motion is truncated", "not a readable pickle", lambda stage: cut(stage.motion)),
+    Fault("motion is truncated", "not a readable pickle", lambda stage: stage.cut(stage.motion)),
     Fault(
         "NaN in the motion",
         "smpl_poses: 576 of 576 numbers are not finite",
@@ -286,7 +128,9 @@ REFUSED = (
         "motion in metres",
         "the cameras would stand .* m from the dancer, 1 to 15 m is plausible: motion and cameras",
         lambda stage: stage.edit_motion(
-            lambda m: m.update(smpl_scaling=np.ones(1), smpl_trans=m["smpl_trans"] / SCALING)
+            lambda m: m.update(
+                smpl_scaling=np.ones(1), smpl_trans=m["smpl_trans"] / m["smpl_scaling"]
+            )
         ),
     ),
     Fault("sequence on the ignore list", "or pass --accept-ignored", ignored),
@@ -297,7 +141,7 @@ REPORTED = (
     Fault(
         "a truncated video",
         "error: c02: .*OpenCV cannot open this video; it is cut off .* The view is left out",
-        lambda stage: cut(stage.video("c02")),
+        lambda stage: stage.cut(stage.video("c02")),
     ),
     Fault(
         "a missing video",
@@ -369,9 +213,9 @@ def named(fault: Fault) -> str:
     return fault.name.replace(" ", "-")
 
 
-def command(stage: Stage, fault: Fault) -> list[str]:
+def command(stage: Any, fault: Fault) -> list[str]:
     parts = ["prepare", "--source", stage.source, "--out", stage.out, "--all-pairs"]
-    parts += ["--workers", "1", *(("--masks", stage.masks) if fault.masks else ())]
+    parts += ["--workers", "1", *(("--masks", stage.tree.masks) if fault.masks else ())]
     parts += ["--body-model", stage.body] if fault.body else []
     return [str(part) for part in parts]
 
@@ -379,7 +223,7 @@ def command(stage: Stage, fault: Fault) -> list[str]:
 @pytest.mark.parametrize("fault", REFUSED, ids=named)
 def test_refused(
     fault: Fault,
-    stage: Stage,
+    stage: Any,
     capsys: pytest.CaptureFixture[str],
     record_property: Callable[[str, object], None],
 ) -> None:
@@ -397,7 +241,7 @@ def test_refused(
 @pytest.mark.parametrize("fault", REPORTED, ids=named)
 def test_counted_and_reported(
     fault: Fault,
-    stage: Stage,
+    stage: Any,
     capsys: pytest.CaptureFixture[str],
     record_property: Callable[[str, object], None],
 ) -> None:
@@ -410,7 +254,7 @@ def test_counted_and_reported(
     assert line is not None, captured.out
     assert {path.suffix for path in stage.out.iterdir()} == {".h5", ".json", ".png"}
     if "swapped" not in fault.name:
-        found = check_sequence(stage.out / f"{NAME}.h5", stage.body)
+        found = check_sequence(stage.out / f"{stage.tree.name}.h5", stage.body)
         assert [one for one in found if one.severity == "error"] == []
     record_property("fault", f"AIST++: {fault.name}")
     record_property("reads", line.strip().replace(f"{stage.home}/", ""))
