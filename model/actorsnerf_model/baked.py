@@ -36,10 +36,9 @@ from actorsnerf_model.skinning import SkinningVolume, backward_warp
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.states import FieldValues, Located, Occupancy, PoseState
 
-
 PART_REACH = 0.6 * CELL / PARTS
-"""Metres around the middle of a part of a posed cell: to its sides and a fifth more. Its corners are
-farther, but a part whose very corner alone is filled hardly shows."""
+"""Metres around the middle of a part of a posed cell: to its sides and a fifth more. Its corners
+are farther, but a part that is filled in a corner alone hardly shows."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ class BakedActor:
                 warped = warped + offsets_at(warped, data.offsets, offsets)
             return torch.cat([warped * held, held.to(warped), likelihood[:, None]], -1)
 
-        grid = posed_grid(actor.anchors, actor.filled, back, bounds, rows_at)
+        grid = posed_grid(actor.anchors, actor.filled, back, (bounds, data.threshold / 2), rows_at)
         return BakedPose(
             pose, motions, back, bounds, _occupancy(grid, data.threshold), offsets, grid
         )

@@ -50,8 +50,7 @@ def write_baked(path: Path, data: BakedActorData, record: Mapping[str, str]) -> 
     """
     tensors, numbers = _parts(data)
     stored = {
-        name: (tensor.half() if name in _HALF else tensor).detach().cpu().clone(memory_format=torch.contiguous_format)
-        for name, tensor in tensors.items()
+        name: _own(tensor.half() if name in _HALF else tensor) for name, tensor in tensors.items()
     }
     about = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}
     content = safetensors.torch.save(stored, {**record, **about, "numbers": json.dumps(numbers)})
@@ -153,6 +152,11 @@ def _parts(data: BakedActorData) -> tuple[dict[str, Tensor], dict[str, object]]:
             "layers": len(offsets.layers),
         }
     return tensors, numbers
+
+
+def _own(tensor: Tensor) -> Tensor:
+    """The tensor on the CPU, in memory that it shares with no other."""
+    return tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
 
 
 def _whole(tensors: dict[str, Tensor], numbers: dict[str, object]) -> BakedActorData:

@@ -27,7 +27,7 @@ ROUND = 4
 """Samples of a ray before its light is measured again."""
 STOP = 1 / 256
 """Light below which a ray ends; half a grey level at most."""
-TILES_ACROSS = 4
+TILES_ACROSS = 3
 """Tiles that the shadow of the largest cell may measure; tiles grow until it does."""
 
 
@@ -117,11 +117,9 @@ def _pixels(grid: PosedGrid, camera: Camera) -> _Pixels | None:
     if bool((near <= NEAR_PLANE).any()):
         return None if bool((far > NEAR_PLANE).any()) else _no_pixels(grid, camera)
     # A sphere's shadow is wider towards the picture's border; the slope bounds by how much.
-    slope = (
-        torch.linalg.vector_norm(seen.pixels - camera.K[:2, 2], dim=-1)
-        / camera.K.diagonal()[:2].amin()
-    )
-    radius = camera.K.diagonal()[:2].amax() * reach * (1 + slope) / near
+    focal = camera.K.diagonal()[:2]
+    slope = torch.linalg.vector_norm(seen.pixels - camera.K[:2, 2], dim=-1) / focal.amin()
+    radius = focal.amax() * reach * (1 + slope) / near
     low, high = seen.pixels - radius[:, None], seen.pixels + radius[:, None]
     size = low.new_tensor(camera.size)
     visible = ((high > -1) & (low < size)).all(1).nonzero()[:, 0]
