@@ -48,60 +48,66 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     places = written()
-    loaders: dict[str, tuple[Callable[[], Callable[[int], int]], float]] = {
-        "released layout, as published": (
-            lambda: released(places["released"], False),
-            size(places["released"]),
-        ),
-        "released layout, supports undistorted too": (
-            lambda: released(places["released"], True),
-            size(places["released"]),
-        ),
-        "PNG files of our crops": (lambda: cropped(places["crops"]), size(places["crops"])),
-        "ours, every picture decoded anew": (lambda: ours(places["ours"], 0), size(places["ours"])),
-        "ours, pictures kept once decoded": (
-            lambda: ours(places["ours"], None),
-            size(places["ours"]),
-        ),
-    }
-    speeds = {
-        name: speed(make, arguments.samples, arguments.repeats)
-        for name, (make, _) in loaders.items()
-    }
-    base = speeds["released layout, as published"]
-    rows = []
-    for name, (_, stored) in loaders.items():
-        found = speeds[name]
-        rows.append(
-            (
-                name,
-                (K + 1) / found.cpu,
-                found.rays / found.cpu,
-                f"{base.cpu / found.cpu:.1f}",
-                int(stored),
-                1000 * found.first,
-            )
-        )
     tables = [
-        Table(
-            f"One process: samples of a target, {K} supports and {PATCHES} patches of {SIDE} x "
-            f"{SIDE}",
-            (
-                "loader",
-                "pictures/s",
-                "rays/s",
-                "times the released",
-                "bytes per picture",
-                "first sample, ms",
-            ),
-            tuple(rows),
-            "Per CPU second of one process; files in the page cache. Aim: at least 10 times the "
-            "released layout, from fewer bytes. Bytes are the whole of what is stored, over the 60 "
-            "pictures: vertices, poses and cameras too.",
-        ),
+        in_one_process(places, arguments.samples, arguments.repeats),
         in_workers(places["ours"], arguments.samples),
     ]
     record("loader", "What training reads", SEED, tables)
+
+
+@dataclass(frozen=True)
+class Loader:
+    """One way of loading."""
+
+    name: str
+    place: Path
+    """File or folder that it reads; all of it counts as stored."""
+    make: Callable[[], Callable[[int], int]]
+    """Opens it; the result loads the sample of an index and says how many rays it has."""
+
+
+def loaders(places: dict[str, Path]) -> tuple[Loader, ...]:
+    """The ways that are compared; the first is the measure of the others."""
+    old, crops, new = places["released"], places["crops"], places["ours"]
+    return (
+        Loader("released layout, as published", old, lambda: released(old, False)),
+        Loader("released layout, supports undistorted too", old, lambda: released(old, True)),
+        Loader("PNG files of our crops", crops, lambda: cropped(crops)),
+        Loader("ours, every picture decoded anew", new, lambda: ours(new, 0)),
+        Loader("ours, pictures kept once decoded", new, lambda: ours(new, None)),
+    )
+
+
+def in_one_process(places: dict[str, Path], samples: int, repeats: int) -> Table:
+    """Every way of loading in this process, per CPU second."""
+    compared = loaders(places)
+    speeds = [speed(loader.make, samples, repeats) for loader in compared]
+    rows = [
+        (
+            loader.name,
+            (K + 1) / found.cpu,
+            found.rays / found.cpu,
+            f"{speeds[0].cpu / found.cpu:.1f}",
+            int(size(loader.place)),
+            1000 * found.first,
+        )
+        for loader, found in zip(compared, speeds, strict=True)
+    ]
+    return Table(
+        f"One process: samples of a target, {K} supports and {PATCHES} patches of {SIDE} x {SIDE}",
+        (
+            "loader",
+            "pictures/s",
+            "rays/s",
+            "times the released",
+            "bytes per picture",
+            "first sample, ms",
+        ),
+        tuple(rows),
+        "Per CPU second of one process; files in the page cache. Aim: at least 10 times the "
+        "released layout, from fewer bytes. Bytes are the whole of what is stored, over the 60 "
+        "pictures: vertices, poses and cameras too.",
+    )
 
 
 def written() -> dict[str, Path]:
