@@ -3,11 +3,14 @@ PY := .venv/bin/python
 DATA ?= data/prepared
 OUT ?= data/prepared
 PRESET ?= small
-METHOD ?= actorsnerf
 PROTOCOL ?= fewshot-10
 LIST ?=
 WORKERS ?= 2
-BODY_MODEL ?=
+BODY ?=
+BODY_MODEL ?= $(BODY)
+DATASET ?=
+SEQUENCES ?=
+MASKS ?=
 DEMO ?= data/demo
 SOURCE ?=
 
@@ -19,11 +22,11 @@ help:  ## this list
 setup:  ## virtual environment, packages, LPIPS weights, headless OpenGL (safe to repeat)
 	@python3 scripts/setup.py
 
-inspect: setup  ## say what a download holds and what is wrong with it: SOURCE=
+inspect: setup  ## say what a download holds and what is wrong with it: SOURCE= [BODY=]
 	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
 
-prepare: setup  ## raw download to HDF5: SOURCE= [OUT= BODY_MODEL= WORKERS=]
-	@$(PY) -m actorsnerf_preprocess prepare --source "$(SOURCE)" --out "$(OUT)" --workers $(WORKERS) $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+prepare: setup  ## raw download to HDF5: SOURCE= [DATASET=zju-mocap|aist|synthetic OUT= BODY= SEQUENCES= MASKS= WORKERS=]
+	@$(PY) -m actorsnerf_preprocess prepare --source "$(or $(SOURCE),data/raw)" --out "$(OUT)" --workers $(WORKERS) $(if $(DATASET),--dataset $(DATASET)) $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)") $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(if $(MASKS),--masks "$(MASKS)")
 
 pretrain: setup  ## category-level training: RUN= [DATA= PRESET=]
 	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET)

@@ -19,9 +19,11 @@ from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
 from actorsnerf_preprocess.run_report import CHECK_NOTICE, finding_lines, report_lines
 from actorsnerf_preprocess.source import Found, OpenOptions, SourceError, SourceSequence, Survey
 from actorsnerf_preprocess.sources import (
+    DatasetName,
     find_sources,
     held_out_names,
     open_source,
+    require_dataset,
     require_known_actors,
     selected,
     survey_source,
@@ -35,6 +37,9 @@ class Reading:
 
     source: Path
     """Folder of the download: ZJU-MoCap, AIST++, or a tree of HumanNeRF or ActorsNeRF."""
+    dataset: DatasetName | None = None
+    """What the source must be, else it is refused; left out: whatever it is found to be.
+    `synthetic` draws its actors first if the source is not there."""
     body_model: Path | None = None
     """SMPL-format file (.pkl or .npz); synthetic sources need none."""
     sequences: tuple[str, ...] = ()
@@ -153,6 +158,8 @@ def _inspect(reading: Reading) -> int:
 
 def _prepare(command: Prepare) -> int:
     _require_sensible(command)
+    if command.dataset == "synthetic" and not command.source.exists():
+        _synthesise(Synthetic(out=command.source))
     found = _selected(command)
     if command.list_needed:
         return _list_needed(command, found)
@@ -200,6 +207,7 @@ def _synthesise(command: Synthetic) -> int:
 
 def _selected(reading: Reading) -> tuple[Found, ...]:
     everything = find_sources(reading.source)
+    require_dataset(reading.source, everything, reading.dataset)
     require_known_actors(reading.held_out, everything)
     return selected(everything, reading.sequences)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
 from actorsnerf_preprocess.aist_names import dancer_of, expanded_selection
@@ -10,6 +11,12 @@ from actorsnerf_preprocess.zju import find_zju, open_zju, survey_zju
 from actorsnerf_preprocess.zju_converted import is_converted_tree
 from actorsnerf_preprocess.zju_tree import is_zju_tree, subject_of
 
+DatasetName = Literal["zju-mocap", "aist", "synthetic"]
+DATASETS: dict[DatasetName, str] = {
+    "zju-mocap": "ZJU-MoCap",
+    "aist": "AIST++",
+    "synthetic": "synthetic actors",
+}
 HELD_OUT_FILE = "held_out.txt"
 """Names of held-out actors, one per line, at the top of a source folder."""
 
@@ -35,6 +42,22 @@ def find_sources(root: Path) -> tuple[Found, ...]:
             "trees of HumanNeRF or ActorsNeRF (mesh_infos.pkl)."
         )
     return zju or aist
+
+
+def require_dataset(root: Path, found: Sequence[Found], expected: DatasetName | None) -> None:
+    """Nothing, if the folder holds the data set that was asked for.
+
+    Raises:
+        SourceError: it holds another one.
+    """
+    there: list[DatasetName] = ["zju-mocap" if _is_zju(found[0]) else "aist"]
+    if found[0].dataset == "synthetic":
+        there.append("synthetic")
+    if expected is not None and expected not in there:
+        raise SourceError(
+            f"{root}: holds {DATASETS[there[-1]]} ({found[0].name}, ...), but "
+            f"{DATASETS[expected]} was asked for: name another folder, or --dataset {there[-1]}."
+        )
 
 
 def selected(found: Sequence[Found], names: Sequence[str]) -> tuple[Found, ...]:

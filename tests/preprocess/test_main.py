@@ -147,3 +147,18 @@ def test_synthetic_writes_the_other_format(tmp_path: Path, monkeypatch: pytest.M
     command = arguments("synthetic", "--out", tmp_path, "--format", "aist", "--preset", "tiny")
     assert main(command) == 0
     assert written == [synthetic.PRESETS["tiny"]]
+
+
+def test_synthetic_actors_are_drawn_where_the_source_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn: list[Path] = []
+    monkeypatch.setattr(
+        synthetic, "write_zju_tree", lambda root, options, progress: drawn.append(root)
+    )
+    source = tmp_path / "raw"
+    assert main(arguments("prepare", "--source", source, "--dataset", "synthetic")) == 2
+    assert drawn == [source]
+    assert f"{source}: no such folder" in capsys.readouterr().err  # nothing was drawn in earnest
+    assert main(arguments("prepare", "--source", source)) == 2
+    assert drawn == [source]

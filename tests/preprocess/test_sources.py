@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -6,7 +7,7 @@ import pytest
 
 from actorsnerf_preprocess import sources
 from actorsnerf_preprocess.source import Found, SourceError
-from actorsnerf_preprocess.sources import find_sources, held_out_names, selected
+from actorsnerf_preprocess.sources import find_sources, held_out_names, require_dataset, selected
 
 WriteTree = Callable[..., Any]
 
@@ -32,6 +33,20 @@ def test_two_data_sets_in_one_folder_are_refused(
     monkeypatch.setattr(sources, "find_aist", lambda root: (dance,))
     with pytest.raises(SourceError, match=r"holds ZJU-MoCap \(CoreView_377.*and AIST\+\+"):
         find_sources(tmp_path)
+
+
+def test_another_data_set_than_asked_for_is_refused(tmp_path: Path, write_zju: WriteTree) -> None:
+    write_zju(tmp_path / "CoreView_377", frames=range(1), cameras=1)
+    found = find_sources(tmp_path)
+    require_dataset(tmp_path, found, None)
+    require_dataset(tmp_path, found, "zju-mocap")
+    with pytest.raises(SourceError, match=r"holds ZJU-MoCap \(CoreView_377, ...\), but AIST\+\+"):
+        require_dataset(tmp_path, found, "aist")
+    with pytest.raises(SourceError, match="but synthetic actors was asked for"):
+        require_dataset(tmp_path, found, "synthetic")
+    drawn = (replace(found[0], dataset="synthetic"),)
+    require_dataset(tmp_path, drawn, "synthetic")
+    require_dataset(tmp_path, drawn, "zju-mocap")
 
 
 def test_sequences_are_selected_by_name_or_subject(tmp_path: Path) -> None:
