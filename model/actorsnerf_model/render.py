@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from actorsnerf_model.footprint import footprint
+from actorsnerf_model.pixels_by_need import Agreement, by_need
 from actorsnerf_model.rays import (
     Rays,
     draw_jitter,
@@ -44,6 +45,9 @@ POINTS_AT_ONCE = 65536
 """Points that are located together."""
 STRIDE = 8
 """Survivors of a ray that go through the networks before its light is measured again."""
+
+INSIDE = 0.5
+"""Opacity from which a pixel shows the person: only between such pixels is one interpolated."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def render(
     """A whole picture, (height, width); its cost grows with the person, not with the picture.
 
     Only pixels in the shadow of the occupied cells (or of the bounds) become rays; the others are
-    background, and `counts.rays` leaves them out.
+    background, and `counts.rays` leaves them out, like those that are interpolated.
 
     Args:
         method: the model.
@@ -93,19 +97,28 @@ def render(
     """
     width, height = camera.size
     options = _honest(options, pose)
-    where = footprint(pose, camera, options.occupancy).reshape(-1).nonzero()[:, 0]
-    pixels = torch.stack([where % width, where // width], -1).to(camera.K.dtype)
-    seen = render_pixels(method, actor, pose, rays_through(pixels, camera), options)
-    background = seen.rgb.new_tensor(options.background)
-    rgb = background.repeat(height * width, 1).index_copy(0, where, seen.rgb)
-    alpha = seen.alpha.new_zeros(height * width).index_copy(0, where, seen.alpha)
-    depth = seen.depth.new_zeros(height * width).index_copy(0, where, seen.depth)
-    return Rendering(
-        rgb.reshape(height, width, 3),
-        alpha.reshape(height, width),
-        depth.reshape(height, width),
-        seen.counts,
+    where = footprint(pose, camera, options.occupancy)
+    counts: list[Counts] = []
+
+    def draw(number: Tensor) -> Tensor:
+        pixels = torch.stack([number % width, number // width], -1).to(camera.K.dtype)
+        seen = render_pixels(method, actor, pose, rays_through(pixels, camera), options)
+        counts.append(seen.counts)
+        return torch.cat([seen.rgb, seen.alpha[:, None], seen.depth[:, None]], -1)
+
+    empty = camera.K.new_tensor([*options.background, 0.0, 0.0]).repeat(height, width, 1)
+    stride = options.pixel_stride if options.pixel_tolerance > 0 else 1
+    alike = Agreement(
+        empty.new_tensor([*[options.pixel_tolerance] * 4, math.inf]),
+        empty.new_tensor([*[-math.inf] * 3, INSIDE, -math.inf]),
     )
+    picture = by_need(draw, where, empty, stride, alike)
+    total = Counts(
+        sum(count.rays for count in counts),
+        sum(count.samples for count in counts),
+        sum(count.survivors for count in counts),
+    )
+    return Rendering(picture[..., :3], picture[..., 3], picture[..., 4], total)
 
 
 def render_pixels(

@@ -110,6 +110,11 @@ class RenderOptions:
     """Skip samples in cells that cannot pass the test (exact)."""
     stop_transmittance: float = 0.0
     """Stop a ray once less light than this passes; 0 = never (exact)."""
+    pixel_tolerance: float = 0.0
+    """Interpolate a pixel inside the person whose drawn neighbours differ by at most this in colour
+    and opacity, both in [0, 1]; 0 = draw every pixel (exact). Whole pictures only."""
+    pixel_stride: int = 2
+    """Pixels between those drawn first, where `pixel_tolerance` is positive; a power of 2."""
     chunk: int = 16384
     """Points through the networks at once."""
     kept: int = 49152

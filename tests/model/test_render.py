@@ -237,3 +237,27 @@ def test_half_precision_networks_do_not_spoil_the_geometry(scene: "ToyScene") ->
     assert found.counts == exact.counts
     assert found.rgb.dtype == torch.float32
     assert (found.rgb - exact.rgb).abs().mean() < 0.01
+
+
+@pytest.mark.parametrize("stride", [2, 4])
+def test_pixels_by_need_draw_fewer_rays_for_a_stated_error(scene: "ToyScene", stride: int) -> None:
+    camera = dataclasses.replace(scene.camera, K=scene.camera.K * 4, size=(128, 160))
+    camera.K[2, 2] = 1
+    scene = dataclasses.replace(scene, camera=camera)
+    options = dataclasses.replace(OPTIONS, samples=32)
+    loose = dataclasses.replace(options, pixel_tolerance=0.1, pixel_stride=stride)
+    with torch.no_grad():
+        full = render(scene.method, scene.actor, scene.pose, scene.camera, options)
+        found = render(scene.method, scene.actor, scene.pose, scene.camera, loose)
+    assert found.counts.rays < 0.9 * full.counts.rays
+    assert found.counts.survivors < 0.85 * full.counts.survivors
+    assert (found.rgb - full.rgb).square().mean() < 1e-4  # 40 dB
+    assert (found.alpha - full.alpha).abs().mean() < 0.01
+
+
+def test_no_tolerance_draws_every_pixel(scene: "ToyScene") -> None:
+    strict = dataclasses.replace(OPTIONS, pixel_tolerance=1e-9)
+    with torch.no_grad():
+        full = render(scene.method, scene.actor, scene.pose, scene.camera, OPTIONS)
+        found = render(scene.method, scene.actor, scene.pose, scene.camera, strict)
+    assert_same(found, full)

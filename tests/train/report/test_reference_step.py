@@ -27,9 +27,11 @@ def test_a_state_is_cut_off_and_its_gradients_carried_on() -> None:
     assert len(cuts) == 1 and leaf.levels[0].weights.is_leaf
     assert leaf.levels[1].weights is whole.levels[1].weights and leaf.nothing is None
     for factor in (1.0, 10.0):  # two patches
-        (factor * leaf.levels[0].weights.square()).sum().backward()
+        torch.autograd.backward((factor * leaf.levels[0].weights.square()).sum())
     assert parameter.grad is None
-    torch.autograd.backward([cuts[0][0]], [cuts[0][1].grad])  # type: ignore[list-item]  # filled
+    gradient = cuts[0][1].grad
+    assert gradient is not None
+    torch.autograd.backward([cuts[0][0]], [gradient])
     # d/dp 11 (3 p)^2 = 198 p
     assert parameter.grad is not None
     assert torch.allclose(parameter.grad, 198 * parameter.detach())

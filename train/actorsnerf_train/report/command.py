@@ -103,10 +103,11 @@ def run_report(options: ReportOptions) -> tuple[str, ...]:
     subjects = [_subject(checkpoint, options, device) for checkpoint in options.checkpoints]
     baked = [load_baked(path, device) for path in options.baked]
     refuse_strangers([subject.trained.actor for subject in subjects], baked)
-    reports, rates = [], {}
+    reports: list[ActorReport] = []
+    rates: dict[str, float] = {}
     for subject in tqdm(subjects, desc="actors", unit="actor", leave=False):
-        report, measured = _actor_report(subject, options, lpips)
-        reports.append(report)
+        told, measured = _actor_report(subject, options, lpips)
+        reports.append(told)
         rates |= {one.contestant.precision: one.limit for one in measured}
     report = SpeedReport(
         commit=program_commit(),

@@ -1,7 +1,9 @@
 """How much memory one frame needs at an operating point: a process of its own draws it."""
 
+import ctypes
+import gc
+import math
 import multiprocessing
-import resource
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -10,7 +12,6 @@ from pathlib import Path
 import torch
 
 from actorsnerf_datasets.reader import SequenceFile
-from actorsnerf_train.allocator import keep_memory
 from actorsnerf_train.report.contestants import contestant_of
 from actorsnerf_train.report.frames import report_frames
 from actorsnerf_train.report.measure import Effort, draw
@@ -18,6 +19,9 @@ from actorsnerf_train.report.points import OperatingPoint
 from actorsnerf_train.trained import load_actor
 
 STATUS = Path("/proc/self/status")
+REFERENCES = Path("/proc/self/clear_refs")
+FORGET_PEAK = "5"
+"""Written there, it makes the kernel count the largest resident size anew."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ def peak_memory(jobs: Sequence[MemoryJob]) -> tuple[float | None, ...]:
     """Megabytes that each job's frame needs at its peak, beyond the loaded program and actor.
 
     Each runs alone in a process of its own. On a CPU it is the kernel's largest resident size less
-    the one before the frame (None where the system does not tell), on CUDA torch's own count.
+    the one before the frame (Linux; None elsewhere), on CUDA torch's own count.
     """
     found: list[float | None] = []
     for job in jobs:
@@ -50,7 +54,6 @@ def peak_memory(jobs: Sequence[MemoryJob]) -> tuple[float | None, ...]:
 
 def frame_memory(job: MemoryJob) -> float | None:
     """What `peak_memory` runs in the other process."""
-    keep_memory()
     torch.set_num_threads(job.threads)
     device = torch.device(job.device)
     trained = load_actor(job.source, device)
@@ -62,20 +65,29 @@ def frame_memory(job: MemoryJob) -> float | None:
         before = torch.cuda.memory_allocated(device)
         draw(contestant, frame, job.effort)
         return (torch.cuda.max_memory_allocated(device) - before) / 1e6
-    resident = _resident()
-    draw(contestant, frame, job.effort)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1.024e-3  # of KiB
-    return None if resident is None else max(peak - resident, 0.0)
-
-
-def _resident() -> float | None:
-    """Resident megabytes of this process now."""
-    if not STATUS.exists():
+    if not _forget_peak():
         return None
+    before = _peak()
+    draw(contestant, frame, job.effort)
+    return _peak() - before
+
+
+def _forget_peak() -> bool:
+    """Whether the kernel's largest resident size now is the present one."""
+    gc.collect()
+    if not REFERENCES.exists():
+        return False
+    ctypes.CDLL(None).malloc_trim(0)  # what loading has freed is no part of the frame
+    REFERENCES.write_text(FORGET_PEAK)
+    return True
+
+
+def _peak() -> float:
+    """The largest resident size of this process, megabytes."""
     for line in STATUS.read_text().splitlines():
-        if line.startswith("VmRSS:"):
-            return float(line.split()[1]) * 1.024e-3
-    return None
+        if line.startswith("VmHWM:"):
+            return float(line.split()[1]) * 1.024e-3  # of KiB
+    return math.nan
 
 
 __all__ = ["MemoryJob", "frame_memory", "peak_memory"]

@@ -23,6 +23,7 @@ PointName = Literal[
     "exact",
     "stop-1e-2",
     "skip-empty",
+    "pixels-by-need",
     "half-samples",
     "quarter-samples",
     "shell-0.05",
@@ -51,6 +52,8 @@ class OperatingPoint:
     """Foreground likelihood below which a sample is empty; None: the training's."""
     precision: Precision = "float32"
     """Of products inside the networks."""
+    pixel_tolerance: float = 0.0
+    """Difference in colour up to which pixels inside the person are interpolated."""
     skip_empty: bool = False
     """Pass over canonical cells where the actor has no density (`filled_cells`)."""
 
@@ -63,6 +66,11 @@ POINTS: tuple[OperatingPoint, ...] = (
     OperatingPoint("exact", "also stops behind what is opaque to 0.1 %", "exact"),
     OperatingPoint("stop-1e-2", "stops behind what is opaque to 1 %", stop=1e-2),
     OperatingPoint("skip-empty", "skips cells that were empty in other poses", skip_empty=True),
+    OperatingPoint(
+        "pixels-by-need",
+        "draws every second pixel, and more where they differ",
+        pixel_tolerance=0.1,
+    ),
     OperatingPoint("half-samples", "half the samples per ray", samples=0.5),
     OperatingPoint("quarter-samples", "a quarter of the samples per ray", samples=0.25),
     OperatingPoint("shell-0.05", "thinner shell: likelihood from 0.05", threshold=0.05),
@@ -70,17 +78,19 @@ POINTS: tuple[OperatingPoint, ...] = (
     OperatingPoint("bfloat16", "products of the networks in bfloat16", precision="bfloat16"),
     OperatingPoint(
         "fast",
-        "skips empty cells, stop at 1 %, bfloat16",
+        "skips empty cells, pixels by need, stop at 1 %, bfloat16",
         stop=1e-2,
         precision="bfloat16",
+        pixel_tolerance=0.1,
         skip_empty=True,
     ),
     OperatingPoint(
         "fastest",
-        "the same with half the samples per ray",
+        "the same with coarser pixels and half the samples per ray",
         samples=0.5,
         stop=1e-2,
         precision="bfloat16",
+        pixel_tolerance=0.2,
         skip_empty=True,
     ),
 )
@@ -107,6 +117,7 @@ def options_at(point: OperatingPoint, trained: RenderOptions) -> RenderOptions:
         samples=max(1, round(trained.samples * point.samples)),
         threshold=trained.threshold if point.threshold is None else point.threshold,
         stop_transmittance=point.stop,
+        pixel_tolerance=point.pixel_tolerance,
     )
 
 

@@ -46,7 +46,7 @@ def reference_step(
     weights = dataclasses.replace(objective.weights, skinning=0.0)
     count = sample.patches.shape[0]
     total = 0.0
-    for patch in sample.patches.split(1):
+    for patch in torch.split(sample.patches, 1):
         pose = method.pose_state(leaf, target.pose, target.rest_joints)
         rays = rays_through(patch.reshape(-1, 2).to(target.K.dtype), camera_of(target))
         seen = reference_render_pixels(method, leaf, pose, rays, objective.options, generator)

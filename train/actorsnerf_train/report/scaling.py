@@ -64,10 +64,14 @@ def part_rows(
     if not isinstance(model, ActorsNeRFConfig):
         return ()
     cases = [("nothing", complete)]
-    for name in ("deformation", "pixel_features", "body_features"):
-        if getattr(model, name):
-            changed = replace(model, **{name: False})
-            cases.append((name.replace("_", " "), _rebuilt(trained, complete, changed)))
+    without = {
+        "deformation": replace(model, deformation=False),
+        "pixel features": replace(model, pixel_features=False),
+        "body features": replace(model, body_features=False),
+    }
+    for name, changed in without.items():
+        if changed != model:
+            cases.append((name, _rebuilt(trained, complete, changed)))
     for views in range(1, model.views):
         changed = replace(model, views=views)
         what = f"views: {views} of {model.views}"
@@ -86,7 +90,7 @@ def _rebuilt(
     """The contestant with another model of the same skinning volume."""
     method = build_method(replace(trained.config, model=model), trained.device)
     source: Any = trained.method
-    method.skinning.load_state_dict(source.skinning.state_dict())
+    method.parts()["skinning"].load_state_dict(source.skinning.state_dict())
     method.eval()
     supports = trained.supports[: model.views]
     state = method.actor_state(supports, trained.state.window)
