@@ -46,6 +46,9 @@ class Reading:
     """Only these sequences; all by default. `actorsnerf-30` names the paper's AIST++ sequences."""
     masks: Path | None = None
     """A folder of your own masks, preferred over those of the source."""
+    segmenter: Path | None = None
+    """Your own network (.onnx or TorchScript) that makes the masks of AIST++'s videos where none
+    are given: 1x3xHxW RGB in [0, 1] to 1x1xHxW shares in [0, 1]. Left out: made without one."""
     held_out: tuple[str, ...] = ()
     """Actors outside the published lists that are held out for testing; also one per line in
     <source>/held_out.txt. The others are for pre-training."""
@@ -264,6 +267,7 @@ def _options(reading: Reading) -> OpenOptions:
         pairs="all" if reading.all_pairs else "protocol",
         held_out=held_out_names(reading.source, reading.held_out),
         masks=reading.masks,
+        segmenter=reading.segmenter,
         ignored="accept" if reading.accept_ignored else "refuse",
     )
 

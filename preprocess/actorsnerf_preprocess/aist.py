@@ -33,6 +33,8 @@ from actorsnerf_preprocess.aist_names import dancer_of
 from actorsnerf_preprocess.aist_reader import AistReader, AistScene
 from actorsnerf_preprocess.aist_tree import find_tree
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
+from actorsnerf_preprocess.masks import METHOD
+from actorsnerf_preprocess.segmenter import tried_segmenter
 from actorsnerf_preprocess.source import (
     Finding,
     Found,
@@ -100,7 +102,7 @@ def survey_aist(found: Found, options: OpenOptions) -> Survey:
         ("motion", f"{len(seen.motion.poses)} frames at 60 per second"),
         ("scaling", f"{seen.motion.scaling:.3f} world units per metre"),
         ("frames", f"{len(seen.frames)}: {seen.frames[0]} to {seen.frames[-1]}"),
-        ("masks", mask_source(seen.given)),
+        ("masks", mask_source(seen.given, METHOD)),
     )
     return Survey(found, facts, seen.findings)
 
@@ -112,6 +114,7 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
         SourceError: annotations are missing or wrong, no view is usable, the sequence is on the
             ignore list (and not accepted), or there is no body model.
     """
+    segmenter = None if options.segmenter is None else tried_segmenter(options.segmenter)
     seen = inspect_aist(found, options)
     model, model_name, model_findings = _body_model(found, options)
     fits, shape = fits_of_motion(seen.motion, seen.frames, model)
@@ -130,12 +133,14 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
         protocols=(protocol,),
         wanted=_wanted(protocol, options, seen),
         body_model=model_name,
-        mask_source=mask_source(seen.given),
+        mask_source=mask_source(seen.given, METHOD if segmenter is None else segmenter.name),
         source_terms=SOURCE_TERMS,
         notes=(*seen.notes, f"Body model {model_name}, file digest {model.digest}, zero betas."),
         source_digests=annotation_digests(found, seen),
         findings=(*seen.findings, *model_findings, *_agreement(found, seen, fits)),
-        reader=AistReader(seen.views, AistScene(seen.frames, fits, model.faces), seen.given),
+        reader=AistReader(
+            seen.views, AistScene(seen.frames, fits, model.faces), seen.given, segmenter
+        ),
         published_background="white",
     )
 

@@ -17,7 +17,6 @@ from actorsnerf_preprocess.aist_names import video_name
 from actorsnerf_preprocess.aist_tree import AistTree, find_tree
 from actorsnerf_preprocess.aist_views import AistView, usable_views
 from actorsnerf_preprocess.given_masks import GivenMasks, find_given_masks
-from actorsnerf_preprocess.masks import METHOD
 from actorsnerf_preprocess.source import Finding, Found, OpenOptions, SourceError
 
 PAPER_FIRST_FRAME = 200
@@ -158,10 +157,15 @@ def annotation_digests(found: Found, seen: AistInspection) -> tuple[tuple[str, s
     )
 
 
-def mask_source(given: tuple[GivenMasks | None, ...]) -> str:
-    """What a prepared file records about where the masks of its views come from."""
+def mask_source(given: tuple[GivenMasks | None, ...], method: str) -> str:
+    """What a prepared file records about where the masks of its views come from.
+
+    Args:
+        given: the masks of each view; None where they are made.
+        method: how they are made.
+    """
     if all(given):
         return "given by the user"
     if any(given):
-        return f"given by the user for {sum(map(bool, given))} views; for the rest {METHOD}"
-    return METHOD
+        return f"given by the user for {sum(map(bool, given))} views; for the rest {method}"
+    return method

@@ -22,6 +22,7 @@ from actorsnerf_preprocess.backgrounds import (
 from actorsnerf_preprocess.given_masks import GivenMasks
 from actorsnerf_preprocess.masks import make_mask
 from actorsnerf_preprocess.presence import shows_somebody
+from actorsnerf_preprocess.segmenter import Segmenter
 from actorsnerf_preprocess.silhouettes import body_silhouette, person_box
 from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture, SourceError
 
@@ -61,8 +62,17 @@ class AistReader:
         views: tuple[AistView, ...],
         scene: AistScene,
         given: tuple[GivenMasks | None, ...],
+        segmenter: Segmenter | None = None,
     ) -> None:
-        """A reader of the views, with the masks given for each (None: they are made)."""
+        """A reader of the views.
+
+        Args:
+            views: with their videos.
+            scene: the fitted body.
+            given: the masks given for each view; None: they are made.
+            segmenter: makes them; None: the difference to the empty stage does.
+        """
+        self._segmenter = segmenter
         self._views = views
         self._scene = scene
         self._given = given
@@ -113,8 +123,8 @@ class AistReader:
         return self._backgrounds[camera_index]
 
     def needs_stage(self, camera_index: int) -> bool:
-        """Whether no masks of this view are given."""
-        return self._given[camera_index] is None
+        """Whether masks of this view are made from the empty stage."""
+        return self._given[camera_index] is None and self._segmenter is None
 
     def save_stage(self, camera_index: int, path: Path) -> None:
         """Estimates a view's background and leaves it at `path`; nothing if no picture decodes.
@@ -145,6 +155,8 @@ class AistReader:
     ) -> RawPicture | Absent:
         if isinstance(mask, Absent):
             return mask
+        if mask is None and self._given[camera_index] is None and self._segmenter is not None:
+            return RawPicture(picture, self._segmenter.mask(picture))
         if mask is None and self._given[camera_index] is None:
             body = self._scene.silhouette(self._views[camera_index], frame_index)
             stage = self.background(camera_index)

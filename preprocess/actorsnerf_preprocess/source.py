@@ -47,6 +47,8 @@ class OpenOptions:
     """Names of actors outside the official lists that are held out; the rest are pre-training."""
     masks: Path | None = None
     """A folder of the user's own masks, preferred over those of the source."""
+    segmenter: Path | None = None
+    """The user's own network, for videos without given masks."""
     ignored: Literal["refuse", "accept"] = "refuse"
     """What to do with sequences on the data set's own ignore list."""
 

@@ -95,7 +95,14 @@ def open_source(found: Found, options: OpenOptions) -> SourceSequence:
     Raises:
         SourceError: something that it needs is missing or wrong.
     """
-    return open_zju(found, options) if _is_zju(found) else open_aist(found, options)
+    if not _is_zju(found):
+        return open_aist(found, options)
+    if options.segmenter is not None:
+        raise SourceError(
+            f"{found.path}: has masks of its own, and --segmenter is for AIST++'s videos; put your "
+            "own masks into a folder and pass it with --masks."
+        )
+    return open_zju(found, options)
 
 
 def held_out_names(root: Path, given: Sequence[str]) -> tuple[str, ...]:
