@@ -136,7 +136,7 @@ def person_mask(content: bytes) -> UInt8 | None:
     if mask.ndim == 3:
         mask = mask[..., :3].max(axis=2)
     threshold = JPEG_MASK_THRESHOLD if content[:2] == b"\xff\xd8" else 0
-    return np.asarray(cv2.compare(mask, threshold, cv2.CMP_GT), np.uint8)
+    return np.asarray(cv2.threshold(mask, threshold, 255, cv2.THRESH_BINARY)[1], np.uint8)
 
 
 def picture_size(path: Path) -> tuple[int, int] | None:

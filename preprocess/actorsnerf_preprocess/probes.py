@@ -10,7 +10,6 @@ from math import ceil
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from actorsnerf_datasets.cameras import camera_from_world, distorted
 from actorsnerf_datasets.types import Camera, Float64, UInt8
@@ -237,12 +236,12 @@ def _outlines(mask: UInt8, lens: Lens, stored: Camera) -> list[Float64]:
     )
     if not contours:
         return []
-    pixels = np.concatenate(contours).reshape(-1, 2)
+    pixels = np.concatenate(contours).reshape(-1, 2).astype(np.float64)
     pixels = _pixels(_rays(pixels, lens.camera), stored.K).T
     return np.split(pixels, np.cumsum([len(contour) for contour in contours])[:-1])
 
 
-def _rays(pixels: NDArray[np.int32], camera: SourceCamera) -> Float64:
+def _rays(pixels: Float64, camera: SourceCamera) -> Float64:
     """x/z, y/z of distorted pixels (N, 2), by fixed-point iteration."""
     inverse = np.linalg.inv(camera.K[:2, :2])
     target: Float64 = (inverse @ (pixels.T - camera.K[:2, 2:])).T

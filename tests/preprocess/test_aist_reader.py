@@ -139,7 +139,8 @@ def test_a_shared_stage_is_the_estimated_one_and_is_not_estimated_again(
     aist: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reader = opened(aist).reader
-    assert isinstance(reader, StageReader) and reader.needs_stage(1)
+    assert isinstance(reader, StageReader) and isinstance(reader, AistReader)
+    assert reader.needs_stage(1)
     copy = pickle.loads(pickle.dumps(reader))
     reader.save_stage(1, tmp_path / "stage")
     expected = next(reader.read_many(1, [5]))
