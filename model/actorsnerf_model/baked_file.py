@@ -62,15 +62,6 @@ def write_baked(path: Path, data: BakedActorData, record: Mapping[str, str]) -> 
     part.replace(path)
 
 
-def is_baked(path: Path) -> bool:
-    """Whether a path names a safetensors file that says it is a baked actor.
-
-    Raises:
-        BakedFileError: it is a safetensors file that cannot be read.
-    """
-    return path.is_file() and path.suffix == SUFFIX and _metadata(path).get("format") == FORMAT
-
-
 def read_baked(path: Path, device: torch.device) -> BakedFile:
     """The actor of a file.
 
@@ -202,4 +193,4 @@ def _number(value: object) -> float:
     return float(value)
 
 
-__all__ = ["SUFFIX", "BakedFile", "BakedFileError", "is_baked", "read_baked", "write_baked"]
+__all__ = ["SUFFIX", "BakedFile", "BakedFileError", "read_baked", "write_baked"]

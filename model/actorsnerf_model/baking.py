@@ -33,7 +33,7 @@ POINTS_AT_ONCE = 16384
 """Points through the networks together."""
 FOLLOWS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """Shares of the deformation that are tried."""
-FOLLOW_POINTS = 8192
+FOLLOW_POINTS = 2048
 """Points that they are tried on."""
 REACH = 0.25
 """Share of the threshold: where the canonical body's own likelihood is lower, nothing is baked. In

@@ -20,6 +20,8 @@ DENSITY_SCALE = 30.0
 """1/metre for one unit of activation; below it density interpolates like its logarithm."""
 LEAST_DENSITY = 0.1
 """1/metre; less stops a hundredth of the light in 10 cm and is stored as nothing."""
+VISIBLE_DENSITY = 0.5
+"""1/metre; less stops half a hundredth of the light in a centimetre and is stepped over."""
 MOST_DENSITY = 3000.0
 """1/metre; more cannot be told apart: 99.7 % of the light is stopped in 2 mm."""
 _LOWEST = float(torch.tensor(LEAST_DENSITY / DENSITY_SCALE, dtype=torch.float64).expm1().log())
@@ -151,6 +153,7 @@ __all__ = [
     "CELLS",
     "LEAST_DENSITY",
     "SIDE",
+    "VISIBLE_DENSITY",
     "BrickGrid",
     "BrickTable",
     "activation_from_density",

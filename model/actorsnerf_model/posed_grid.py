@@ -17,6 +17,7 @@ from torch import Tensor
 from actorsnerf_model.bricks import (
     CELLS,
     SIDE,
+    VISIBLE_DENSITY,
     BrickGrid,
     brick_table,
     density_from_activation,
@@ -25,8 +26,6 @@ from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.occupancy import CELL
 from actorsnerf_model.skinning import SkinningVolume, blend, nodes_from_canonical
 
-VISIBLE_DENSITY = 0.5
-"""1/metre; less stops half a hundredth of the light in a centimetre and is stepped over."""
 LEAST_LIKELIHOOD = 1e-4
 """Below it no bone holds a place (the warp divides by no less); far below any threshold."""
 LEAST_SHARE = 1e-3
@@ -92,20 +91,20 @@ def filled_cells(grid: BrickGrid, reach: float) -> FilledCells:
     """
     table = density_from_activation(brick_table(grid).rows[:, 3]) > VISIBLE_DENSITY
     dense = table[: -(SIDE**3)].reshape(-1, SIDE, SIDE, SIDE)
-    rings = math.ceil(reach / grid.voxel) + 1
-    sizes = [size * CELLS + 1 + 2 * rings for size in grid.index.shape]
+    rings = math.ceil(reach / grid.voxel)
+    margin = rings + 2
+    sizes = [size * CELLS + 1 + 2 * margin for size in grid.index.shape]
     nodes = torch.zeros(sizes, device=grid.low.device)
-    step = torch.arange(SIDE, device=grid.low.device) + rings
+    step = torch.arange(SIDE, device=grid.low.device) + margin
     place = (grid.index >= 0).nonzero()
     order = grid.index[grid.index >= 0].long()
     z, y, x = (place[:, axis, None] * CELLS + step for axis in range(3))
     where = (z[:, :, None, None], y[:, None, :, None], x[:, None, None, :])
     nodes[where] = dense[order].float()
-    # A cell reaches from its node to the next: one ring for its corners, the others around it.
-    for _ in range(rings - 1):
+    for _ in range(rings):
         nodes = F.max_pool3d(nodes[None, None], 3, 1, 1)[0, 0]
     cells = F.max_pool3d(nodes[None, None], 2, 1)[0, 0] > 0
-    return FilledCells(grid.low - rings * grid.voxel, grid.voxel, cells)
+    return FilledCells(grid.low - margin * grid.voxel, grid.voxel, cells)
 
 
 @torch.no_grad()

@@ -1,7 +1,7 @@
 """What the model's tests share: a skeleton, poses, and a method without networks."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
@@ -9,8 +9,13 @@ from torch import Tensor, nn
 
 from actorsnerf_datasets.skeleton import PARENTS
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.baked import BakedActorData
+from actorsnerf_model.baking import BakeOptions, BakeReport, bake
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
+from actorsnerf_model.presets import TINY
 from actorsnerf_model.skinning import SkinningVolume, canonical_box, skinning_volume
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.skinning_prior import log_prior
@@ -102,6 +107,62 @@ def support_views(
             offset=(0, 0),
             full_size=size,
         )
+
+    return make
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A tiny ActorsNeRF with random networks that show a coloured, opaque body."""
+
+    method: ActorsNeRF
+    actor: ActorsNeRFState
+    views: tuple[View, ...]
+    """Its supports, and one more."""
+
+
+@pytest.fixture(scope="session")
+def kept() -> list[Fitted]:
+    """What is made once for all tests."""
+    return []
+
+
+@pytest.fixture(scope="session")
+def kept_bakes() -> dict[float, tuple[BakedActorData, BakeReport]]:
+    """What is made once for all tests."""
+    return {}
+
+
+@pytest.fixture
+def fitted(support_views: Callable[..., tuple[View, ...]], kept: list[Fitted]) -> Fitted:
+    """The same for all tests; read it, do not write it."""
+    if not kept:
+        views = support_views(4)
+        torch.manual_seed(SEED)
+        radiance = replace(TINY.radiance, density_shift=0.0, density_scale=30.0)
+        method = ActorsNeRF(replace(TINY, radiance=radiance)).eval()
+        assert method.deformation is not None
+        with torch.no_grad():
+            nn.init.normal_(method.deformation.offset.weight, std=0.02)
+            method.radiance.density_out.weight.mul_(100)
+            method.radiance.colour_out.weight.mul_(150)
+            actor = method.actor_state(views[:3], 3.0)
+        kept.append(Fitted(method, actor, views))
+    return kept[0]
+
+
+@pytest.fixture
+def baked_at(
+    fitted: Fitted, kept_bakes: dict[float, tuple[BakedActorData, BakeReport]]
+) -> Callable[[float], tuple[BakedActorData, BakeReport]]:
+    """Bakes the fitted actor at a voxel size, in metres; read it, do not write it."""
+
+    def make(voxel: float) -> tuple[BakedActorData, BakeReport]:
+        if voxel not in kept_bakes:
+            options = BakeOptions(voxel=voxel, offset_spacing=0.08)
+            baked = bake(fitted.method, fitted.actor, fitted.views[:3], options)
+            kept_bakes[voxel] = baked
+        return kept_bakes[voxel]
 
     return make
 

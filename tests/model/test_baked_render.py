@@ -1,0 +1,126 @@
+import dataclasses
+from collections.abc import Callable
+from typing import Protocol
+
+import pytest
+import torch
+from torch import Tensor
+
+from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.baked import BakedActor, BakedActorData, BakedPose, BakedState, baked_state
+from actorsnerf_model.baked_render import STEP, render_baked
+from actorsnerf_model.baking import BakeReport
+from actorsnerf_model.render import render
+from actorsnerf_model.states import Camera, RenderOptions
+
+GROUND = (0.2, 0.4, 0.6)
+OPTIONS = RenderOptions(samples=64, background=GROUND)
+Bake = Callable[[float], tuple[BakedActorData, BakeReport]]
+
+
+class Fitted(Protocol):
+    method: ActorsNeRF
+    actor: ActorsNeRFState
+    views: tuple[View, ...]
+
+
+@pytest.fixture
+def state(baked_at: Bake) -> BakedState:
+    return baked_state(baked_at(0.04)[0])
+
+
+@pytest.fixture
+def pose(fitted: Fitted, state: BakedState) -> BakedPose:
+    return BakedActor().pose_state(state, fitted.views[3].pose, fitted.views[3].rest_joints)
+
+
+def camera_of(view: View, moved: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Camera:
+    into = view.camera_from_body.clone()
+    into[:3, 3] += torch.tensor(moved)
+    return Camera(view.K, into, (48, 64))
+
+
+def decibel(a: Tensor, b: Tensor) -> float:
+    return float(-10 * torch.log10((a - b).square().mean()))
+
+
+def test_finer_grids_come_nearer_to_the_unbaked_picture(fitted: Fitted, baked_at: Bake) -> None:
+    """A pose that was not baked; mistaken axes or motions would end below 15 dB."""
+    view = fitted.views[3]
+    exact = fitted.method.pose_state(fitted.actor, view.pose, view.rest_joints)
+    with torch.no_grad():
+        truth = render(fitted.method, fitted.actor, exact, camera_of(view), OPTIONS)
+    seen = truth.alpha > 0.01
+    assert 0.03 < float(seen.float().mean()) < 0.5
+    assert float(truth.rgb[seen].std(0).max()) > 0.2
+    found = []
+    for voxel in (0.08, 0.04):
+        state = baked_state(baked_at(voxel)[0])
+        pose = BakedActor().pose_state(state, view.pose, view.rest_joints)
+        fast = render_baked(BakedActor(), state, pose, camera_of(view), OPTIONS)
+        found.append(decibel(fast.rgb[seen], truth.rgb[seen]))
+        assert float((fast.alpha - truth.alpha).abs().mean()) < 0.02
+    assert found[0] > 21 and found[1] > 27 and found[1] > found[0] + 2
+
+
+def test_it_agrees_with_the_general_renderer(
+    fitted: Fitted, state: BakedState, pose: BakedPose
+) -> None:
+    """Which warps every sample exactly. The body ends abruptly where the likelihood does, and its
+    rim is a pixel's matter; a wrong warp would end below 20 dB."""
+    camera = camera_of(fitted.views[3])
+    dense = dataclasses.replace(OPTIONS, occupancy=False)
+    slow = render(BakedActor(), state, pose, camera, dense)
+    fast = render_baked(BakedActor(), state, pose, camera, OPTIONS)
+    assert decibel(fast.rgb, slow.rgb) > 28
+    both = (slow.alpha > 0.99) & (fast.alpha > 0.99)
+    assert int(both.sum()) > 50
+    assert float((slow.depth - fast.depth)[both].abs().median()) < 1.5 * STEP
+    assert fast.counts.survivors < slow.counts.survivors
+
+
+def test_an_image_side_is_only_a_cut(fitted: Fitted, state: BakedState, pose: BakedPose) -> None:
+    """Half the picture is the half of the whole picture."""
+    camera = camera_of(fitted.views[3])
+    whole = render_baked(BakedActor(), state, pose, camera, OPTIONS)
+    K = camera.K.clone()
+    K[0, 2] -= 20
+    part = Camera(K, camera.camera_from_body, (28, 64))
+    cut = render_baked(BakedActor(), state, pose, part, OPTIONS)
+    torch.testing.assert_close(cut.rgb, whole.rgb[:, 20:], atol=5e-3, rtol=0)
+
+
+@pytest.mark.parametrize("moved", [(0.0, 0.0, -9.0), (50.0, 0.0, 0.0), (0.0, 0.0, 1e4)])
+def test_nobody_before_the_camera_is_background(
+    fitted: Fitted, state: BakedState, pose: BakedPose, moved: tuple[float, float, float]
+) -> None:
+    """Behind it, beside it, ten kilometres away."""
+    seen = render_baked(BakedActor(), state, pose, camera_of(fitted.views[3], moved), OPTIONS)
+    assert torch.isfinite(seen.rgb).all() and torch.isfinite(seen.depth).all()
+    far = torch.tensor(GROUND).expand(64, 48, 3)
+    assert int((seen.rgb - far).abs().amax(-1).gt(1e-6).sum()) <= 1
+
+
+def test_a_camera_amid_the_body_sees_by_the_general_renderer(
+    fitted: Fitted, state: BakedState, pose: BakedPose
+) -> None:
+    camera = camera_of(fitted.views[3], (0.0, 0.0, -2.7))
+    few = dataclasses.replace(OPTIONS, samples=8)
+    seen = render_baked(BakedActor(), state, pose, camera, few)
+    assert torch.isfinite(seen.rgb).all()
+    assert torch.equal(seen.rgb, render(BakedActor(), state, pose, camera, few).rgb)
+
+
+def test_an_empty_actor_shows_the_background(fitted: Fitted, state: BakedState) -> None:
+    field = state.data.field
+    nothing = dataclasses.replace(
+        field, index=torch.full_like(field.index, -1), codes=field.codes[:0]
+    )
+    empty = baked_state(dataclasses.replace(state.data, field=nothing))
+    view = fitted.views[3]
+    pose = BakedActor().pose_state(empty, view.pose, view.rest_joints)
+    seen = render_baked(BakedActor(), empty, pose, camera_of(view), OPTIONS)
+    assert torch.equal(seen.rgb, torch.tensor(GROUND).expand(64, 48, 3))
+    assert not seen.alpha.any() and seen.counts.rays == 0
