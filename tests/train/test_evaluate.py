@@ -182,3 +182,13 @@ def test_lpips_is_asked_for_pictures_in_minus_one_to_one(
     difference = float((judged.truth - judged.prediction).abs().mean())
     assert found.mean("paper").lpips_x1000 == pytest.approx(2000 * difference, rel=1e-5)
     assert found.lpips_note is None
+
+
+def test_an_operating_point_is_drawn_and_recorded(options: EvaluateOptions) -> None:
+    quick = dataclasses.replace(options, max_frames=1, strip=0, samples=None)
+    exact = run_evaluate(dataclasses.replace(quick, point="exact"))
+    half = run_evaluate(dataclasses.replace(quick, point="half-samples"))
+    assert exact.render_options["samples"] == 12 and half.render_options["samples"] == 6
+    assert exact.render_options["stop_transmittance"] == 1e-3
+    own = run_evaluate(dataclasses.replace(quick, point="exact", stop_transmittance=0.0))
+    assert own.render_options["stop_transmittance"] == 0.0

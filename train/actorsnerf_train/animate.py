@@ -19,6 +19,7 @@ from actorsnerf_train.distributed import local_device
 from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
 from actorsnerf_train.pictures import to_bytes, write_depth, write_png, write_video
 from actorsnerf_train.pose_file import load_poses
+from actorsnerf_train.report.points import PointName, at_named_point
 from actorsnerf_train.shots import (
     Shot,
     Turn,
@@ -77,6 +78,8 @@ class AnimateOptions:
     """Density of that surface, 1/metre."""
     samples: int | None = None
     """Samples per ray; the training's own if left out."""
+    point: PointName | None = None
+    """Operating point, e.g. exact or fast (see `report`); left out: every sample that matters."""
     device: str = "cpu"
     """cpu, cuda, cuda:1, ..."""
 
@@ -90,7 +93,7 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
     if options.mesh is not None and options.mesh.suffix not in MESH_SUFFIXES:
         raise UserError(f"{options.mesh}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
     trained = load_actor(options.checkpoint, local_device(options.device))
-    return animate(trained, options)
+    return animate(at_named_point(trained, options.point), options)
 
 
 def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple[Path, ...]:

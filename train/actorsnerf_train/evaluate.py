@@ -25,9 +25,11 @@ from actorsnerf_train.distributed import local_device
 from actorsnerf_train.judge import Judged, Judgement, judge, strip_row
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
 from actorsnerf_train.machine import program_commit, this_machine
+from actorsnerf_train.methods import trunk_of
 from actorsnerf_train.metrics import ConventionName, Lpips, Scores, mean_scores
 from actorsnerf_train.pictures import strip, write_png
 from actorsnerf_train.records import to_json
+from actorsnerf_train.report.points import PointName, at_named_point
 from actorsnerf_train.result import CameraRow, Evaluation, ImageRow, Json, MeanRow
 from actorsnerf_train.result_file import RESULT_NAME, markdown, write_result
 from actorsnerf_train.trained import TrainedActor, load_actor, with_samples
@@ -57,8 +59,10 @@ class EvaluateOptions:
     """Rows (truth | prediction | error) of the picture strip; 0 writes none."""
     samples: int | None = None
     """Samples per ray; the training's own if left out."""
-    stop_transmittance: float = 0.0
-    """Stop a ray once less light than this passes; 0 = never (exact)."""
+    point: PointName | None = None
+    """Operating point, e.g. exact or fast (see `report`); left out: every sample that matters."""
+    stop_transmittance: float | None = None
+    """Stop a ray once less light than this passes; 0 = never; left out: as the point says."""
     lpips: LpipsFiles = field(default_factory=LpipsFiles)
     device: str = "cpu"
     """cpu, cuda, cuda:1, ..."""
@@ -87,6 +91,7 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
         UserError: no such checkpoint, file or protocol; another actor; no evaluation picture.
     """
     trained = load_actor(options.checkpoint, local_device(options.device))
+    trained = at_named_point(trained, options.point)
     with SequenceFile(options.data) as file:
         evaluation, rows = evaluate(trained, file, options)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -107,12 +112,12 @@ def evaluate(
     """
     began = time.perf_counter()
     plan = plan_evaluation(trained, file, options)
+    drawing = with_samples(trained.config.render, options.samples)
+    if options.stop_transmittance is not None:
+        drawing = replace(drawing, stop_transmittance=options.stop_transmittance)
     judgement = Judgement(
         options.conventions,
-        replace(
-            with_samples(trained.config.render, options.samples),
-            stop_transmittance=options.stop_transmittance,
-        ),
+        drawing,
         published_lpips(options.lpips, trained.device),
     )
     shown = set(_spread(range(len(plan.pairs)), options.strip)) if options.strip else set()
@@ -178,7 +183,7 @@ def _evaluation(
     images: Sequence[ImageRow],
 ) -> Evaluation:
     header, info, config = file.header, trained.info, trained.config
-    setting, encodes = info.setting, config.model.pixel_features or config.model.body_features
+    setting = info.setting
     return Evaluation(
         method=info.method if trained.baking is None else f"{info.method}-baked",
         preset=config.preset,
@@ -196,7 +201,7 @@ def _evaluation(
         limited=plan.limited,
         missing=plan.missing,
         background=judgement.render.background,
-        encoder=config.model.encoder.trunk if encodes else None,
+        encoder=trunk_of(config),
         encoder_pretrained=info.origin.trunk_pretrained,
         pretrained_from=info.origin.category_digest,
         seed=config.seed,

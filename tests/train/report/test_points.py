@@ -1,12 +1,23 @@
+import dataclasses
+
 import pytest
 import torch
 
+from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_model.baking import BakeOptions, BakeReport
 from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
 from actorsnerf_model.states import RenderOptions
-from actorsnerf_train.report.points import POINTS, at_point, named_point, options_at, where_filled
-from actorsnerf_train.trained import TrainedActor
+from actorsnerf_train.report.points import (
+    POINTS,
+    at_named_point,
+    at_point,
+    named_point,
+    options_at,
+    where_filled,
+)
+from actorsnerf_train.trained import Baking, TrainedActor
 
 
 def test_names_are_unique_and_enough() -> None:
@@ -74,3 +85,13 @@ def test_empty_cells_are_made_once_and_shared(trained: TrainedActor[ActorsNeRFSt
     every = trained.method.locate(trained.state, pose, points, 0.01).index
     kept = fast.method.locate(filled, pose, points, 0.01).index
     assert 0 < len(kept) <= len(every)  # so little training leaves fog nearly everywhere
+
+
+def test_a_baked_actor_has_no_operating_points(trained: TrainedActor[ActorsNeRFState]) -> None:
+    assert at_named_point(trained, None) is trained
+    assert at_named_point(trained, "half-samples").config.render.samples == 6
+    report = BakeReport(1, 1, 1, 0.0, 0.0)
+    baking = Baking("eve", 3, "checkpoint", BakeOptions(), report)
+    baked = dataclasses.replace(trained, baking=baking)
+    with pytest.raises(UserError, match="is a baked actor, which has one way to be drawn"):
+        at_named_point(baked, "fast")

@@ -50,7 +50,7 @@ def contestant_of(
         filled: its filled cells, where they are known.
     """
     if point is None:
-        name = f"baked {trained.path.stem}"
+        name = f"baked:{trained.path.stem}"
         return Contestant(name, _baked_says(trained), "baked", "float32", trained)
     actor = at_point(trained, point, filled)
     return Contestant(point.name, point.says, point.kind, point.precision, actor)

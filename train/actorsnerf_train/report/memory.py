@@ -75,10 +75,13 @@ def frame_memory(job: MemoryJob) -> float | None:
 def _forget_peak() -> bool:
     """Whether the kernel's largest resident size now is the present one."""
     gc.collect()
-    if not REFERENCES.exists():
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)  # what loading has freed is no part of the frame
+    try:
+        REFERENCES.write_text(FORGET_PEAK)
+    except OSError:
         return False
-    ctypes.CDLL(None).malloc_trim(0)  # what loading has freed is no part of the frame
-    REFERENCES.write_text(FORGET_PEAK)
     return True
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import torch
 
+from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
 from actorsnerf_model.states import RenderOptions
 from actorsnerf_train.config import Precision
@@ -153,12 +154,29 @@ def at_point(
     return replace(tuned, method=SkipEmpty(method), state=filled or where_filled(trained))
 
 
+def at_named_point(trained: TrainedActor[Any], name: PointName | None) -> TrainedActor[Any]:
+    """The actor at the point of a name; as it is without one.
+
+    Raises:
+        UserError: it is baked, and has no networks left to spare.
+    """
+    if name is None:
+        return trained
+    if trained.baking is not None:
+        raise UserError(
+            f"{trained.path}: is a baked actor, which has one way to be drawn: leave out --point "
+            f"{name}, or name the checkpoint that it was baked from."
+        )
+    return at_point(trained, named_point(name))
+
+
 __all__ = [
     "EXACT_STOP",
     "POINTS",
     "Kind",
     "OperatingPoint",
     "PointName",
+    "at_named_point",
     "at_point",
     "named_point",
     "options_at",

@@ -101,7 +101,7 @@ def _points(rows: tuple[PointRow, ...]) -> list[str]:
         lines.append(
             f"| {'`' + row.name + '`'} | {row.says} | {_milliseconds(row.seconds)} "
             f"({_milliseconds(row.seconds_low)}-{_milliseconds(row.seconds_high)}) | "
-            f"{row.faster:.1f} | {row.survivors:.0f} of {row.samples:.0f} | {row.of_limit:.2f} | "
+            f"{row.faster:.1f} | {row.survivors:.0f} of {row.samples:.0f} | {_limit(row)} | "
             f"{_or_dash(row.memory_mb, '.0f')} | {_or_dash(row.psnr, '.2f')} | "
             f"{_or_dash(row.ssim, '.4f')} | {_or_dash(row.lpips_x1000, '.2f')} | "
             f"{'-' if row.kind == 'reference' else format(row.reference_psnr, '.1f')} | "
@@ -125,7 +125,7 @@ def _scaling(actor: ActorReport) -> list[str]:
     lines = [
         "### What the time depends on",
         "",
-        "The point `exact`, one frame; the cost follows the person's pixels and the samples on "
+        "The point `complete`, one frame; the cost follows the person's pixels and the samples on "
         "them, not the picture.",
         "",
         "| varied | to | ms a frame | rays | samples through networks |",
@@ -194,6 +194,11 @@ def _milliseconds(seconds: float) -> str:
     """
     value = 1e3 * seconds
     return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:.0f}"
+
+
+def _limit(row: PointRow) -> str:
+    """A baked actor has no networks, so no such limit."""
+    return f"{row.of_limit:.2f}" if row.flops_per_sample > 0 else "-"
 
 
 def _or_dash(value: float | None, form: str) -> str:
