@@ -62,9 +62,9 @@ def frame_memory(job: MemoryJob) -> float | None:
     contestant = contestant_of(trained, job.point)
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)
-        before = torch.cuda.memory_allocated(device)
+        allocated = torch.cuda.memory_allocated(device)
         draw(contestant, frame, job.effort)
-        return (torch.cuda.max_memory_allocated(device) - before) / 1e6
+        return float(torch.cuda.max_memory_allocated(device) - allocated) / 1e6
     if not _forget_peak():
         return None
     before = _peak()
