@@ -156,7 +156,7 @@ def _of_tiles(
     lit = (end > 0).nonzero()[:, 0]
     x = ((lit % across) * tile)[:, None, None] + step
     y = (torch.div(lit, across, rounding_mode="floor") * tile)[:, None, None] + step[:, None]
-    x, y = torch.broadcast_tensors(x, y)
+    x, y = x.expand(-1, tile, tile), y.expand(-1, tile, tile)
     inside = ((x < width) & (y < height)).reshape(-1).nonzero()[:, 0]
     x, y = x.reshape(-1)[inside], y.reshape(-1)[inside]
     owner = lit[inside // tile**2]

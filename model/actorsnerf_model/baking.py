@@ -129,7 +129,7 @@ def _offset_nodes(
     sizes = _sizes(actor.body.geometry.box, spacing)
     kept = _near(filled, low, spacing, sizes).reshape(-1).nonzero()[:, 0]
     points = _places(low, spacing, sizes).reshape(-1, 3)[kept]
-    pieces = [method.deformation_input(actor, part) for part in points.split(POINTS_AT_ONCE)]
+    pieces = [method.deformation_input(actor, part) for part in torch.split(points, POINTS_AT_ONCE)]
     inputs = [piece for piece in pieces if piece is not None]
     if method.deformation is None or not inputs:
         return None
@@ -221,7 +221,7 @@ def _field(
     nodes: _Nodes,
 ) -> tuple[Float[Tensor, "asked 3"], Float[Tensor, "asked"]]:
     rgb, density = [], []
-    for part in nodes.points.split(POINTS_AT_ONCE):
+    for part in torch.split(nodes.points, POINTS_AT_ONCE):
         values = method.mean_field(actor, part, poses)
         rgb.append(values.rgb.float())
         density.append(values.density.float())

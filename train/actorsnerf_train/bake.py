@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.actorsnerf import ActorsNeRF
@@ -63,7 +64,7 @@ def run_bake(options: BakeCommand) -> tuple[str, ...]:
     )
 
 
-def bake_to(trained: TrainedActor[object], options: BakeCommand) -> Baking:
+def bake_to(trained: TrainedActor[Any], options: BakeCommand) -> Baking:
     """How the file that was written to `options.out` was made.
 
     Raises:
