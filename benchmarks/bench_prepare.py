@@ -10,7 +10,8 @@ import multiprocessing
 import os
 import statistics
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -214,31 +215,43 @@ def made_masks(count: int) -> Table:
     reader = source.reader
     assert isinstance(reader, AistReader)
     frames = list(range(0, len(source.frames), max(1, 2 * len(source.frames) // count)))
-    laps: dict[str, list[float]] = {"background": [], "silhouette": [], "mask": [], "all": []}
+    laps: dict[str, list[Run]] = {"background": [], "silhouette": [], "mask": [], "all": []}
     for camera in range(len(source.cameras)):
-        with stopwatch(laps["background"]):
+        with _lap(laps["background"]):
             stage = reader.background(camera)
-        started = time.perf_counter()
-        pictures = list(reader.read_many(camera, frames))
-        laps["all"].append((time.perf_counter() - started) / len(frames))
+        with _lap(laps["all"], len(frames)):
+            pictures = list(reader.read_many(camera, frames))
         view = reader._views[camera]
         for frame, picture in zip(frames, pictures, strict=True):
-            with stopwatch(laps["silhouette"]):
+            with _lap(laps["silhouette"]):
                 body = reader._scene.silhouette(view, frame)
-            with stopwatch(laps["mask"]):
+            with _lap(laps["mask"]):
                 make_mask(picture.image, stage, body)
-    width, height = source.cameras[0].size
-    rows = (
-        ("the empty stage, once per view", statistics.median(laps["background"])),
-        ("silhouette of the fitted body, per picture", statistics.median(laps["silhouette"])),
-        ("mask, per picture", statistics.median(laps["mask"])),
+    step = source.frames[1] - source.frames[0]
+    meanings = {
+        "background": "the empty stage, once per view",
+        "silhouette": "silhouette of the fitted body, per picture",
+        "mask": "mask, per picture",
+        "all": f"all, per picture (video decoding too, {step} video pictures per prepared one)",
+    }
+    rows = tuple(
         (
-            f"all, per picture (video decoding too, {source.frames[1] - source.frames[0]} video "
-            "pictures per prepared one)",
-            statistics.median(laps["all"]),
-        ),
+            meaning,
+            statistics.median(lap.wall for lap in laps[name]),
+            statistics.median(lap.cpu for lap in laps[name]),
+        )
+        for name, meaning in meanings.items()
     )
-    return Table(f"Made masks: video of {width} x {height}", ("what", "s"), rows)
+    width, height = source.cameras[0].size
+    return Table(f"Made masks: video of {width} x {height}", ("what", "s", "CPU s"), rows)
+
+
+@contextmanager
+def _lap(laps: list[Run], count: int = 1) -> Iterator[None]:
+    """Appends the times of its context, over a number of pictures, in this process."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    yield
+    laps.append(Run((time.perf_counter() - wall) / count, (time.process_time() - cpu) / count))
 
 
 def in_process(function: Callable[..., Result], *arguments: object) -> Result:
