@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -10,19 +11,23 @@ from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.presets import HUMANNERF_TINY, TINY
 
 Views = Callable[..., tuple[View, ...]]
-METHODS = {"actorsnerf": lambda: ActorsNeRF(TINY), "humannerf": lambda: HumanNeRF(HUMANNERF_TINY)}
+NAMES = ("actorsnerf", "humannerf")
 
 
-@pytest.mark.parametrize("name", METHODS)
+def method_named(name: str) -> LearnedMethod[Any, Any, Any]:
+    return ActorsNeRF(TINY) if name == "actorsnerf" else HumanNeRF(HUMANNERF_TINY)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_every_parameter_is_in_exactly_one_part(name: str) -> None:
-    method = METHODS[name]()
+    method = method_named(name)
     inside = [id(p) for part in method.parts().values() for p in part.parameters()]
     assert sorted(inside) == sorted(id(p) for p in method.parameters())
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_state_made_in_stages_is_the_state(name: str, support_views: Views) -> None:
-    method = METHODS[name]().eval()
+    method = method_named(name).eval()
     views = support_views(4)
     staged = method.instance_state(method.category_prior(views[:3], method.geometry(views[0])), 2.0)
     at_once = method.actor_state(views[:3], 2.0)
