@@ -267,8 +267,8 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             return torch.zeros_like(points)
         with self._networks(points):
             moved = [self.deformation.from_input(given, pose).to(points.dtype) for pose in poses]
-        mean: Tensor = torch.stack(moved).mean(0)
-        return mean * ((high - low) / 2)
+        offset: Tensor = torch.stack(moved).mean(0) * ((high - low) / 2)
+        return offset
 
     def mean_field(
         self,
