@@ -17,6 +17,7 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
+from records import RESULTS, Table, record
 
 from actorsnerf_datasets.torch_dataset import PretrainingDataset, Sample, View
 from actorsnerf_model.actorsnerf import ActorsNeRF
@@ -31,9 +32,12 @@ from actorsnerf_train.methods import know_actor
 from actorsnerf_train.objective import Objective
 
 TARGET = 512
-RESULTS = Path(__file__).resolve().parent / "results"
-DEMO = RESULTS.parent.parent / "data" / "demo" / "prepared"
+DEMO = RESULTS.parents[1] / "data" / "demo" / "prepared"
 CASES = ("load", "step", "picture")
+REMARK = (
+    "All four patches lie on the person, the worst case for a step. `load` is the file and the "
+    "libraries alone. Aims: 6 GB a step, 2 GB a picture."
+)
 
 
 def main() -> int:
@@ -49,14 +53,19 @@ def main() -> int:
     if arguments.case:
         print(_case(arguments.case, file))
         return 0
-    lines = ["| case | peak memory, GB | seconds | survivors |", "| --- | --- | --- | --- |"]
+    rows = []
     for case in CASES:
         command = [sys.executable, __file__, str(file), "--case", case]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
-        lines.append(done.stdout.strip().splitlines()[-1])
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "memory.md").write_text("\n".join(lines) + "\n")
-    print("\n".join(lines))
+        found_case, peak, seconds, survivors = done.stdout.strip().splitlines()[-1].split()
+        rows.append((found_case, float(peak), float(seconds), int(survivors)))
+    table = Table(
+        title="Untrained, float32",
+        columns=("case", "peak memory, GB", "seconds", "samples through the networks"),
+        rows=tuple(rows),
+        remark=REMARK,
+    )
+    record("memory", "Peak memory of the `official` sizes", 0, (table,))
     return 0
 
 
@@ -82,7 +91,7 @@ def _case(case: str, file: Path) -> str:
         survivors = _picture(config, method, sample)
     seconds = time.monotonic() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    return f"| {case} | {peak:.2f} | {seconds:.1f} | {survivors} |"
+    return f"{case} {peak:.2f} {seconds:.1f} {survivors}"
 
 
 def _larger(view: View, factor: float) -> View:
