@@ -7,7 +7,6 @@ PROTOCOL ?= fewshot-10
 LIST ?=
 WORKERS ?= 2
 BODY ?=
-BODY_MODEL ?= $(BODY)
 DATASET ?=
 SEQUENCES ?=
 MASKS ?=
@@ -23,10 +22,10 @@ setup:  ## virtual environment, packages, LPIPS weights, headless OpenGL (safe t
 	@python3 scripts/setup.py
 
 inspect: setup  ## say what a download holds and what is wrong with it: SOURCE= [BODY=]
-	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY),--body-model "$(BODY)")
 
 prepare: setup  ## raw download to HDF5: SOURCE= [DATASET=zju-mocap|aist|synthetic OUT= BODY= SEQUENCES= MASKS= WORKERS=]
-	@$(PY) -m actorsnerf_preprocess prepare --source "$(or $(SOURCE),data/raw)" --out "$(OUT)" --workers $(WORKERS) $(if $(DATASET),--dataset $(DATASET)) $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)") $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(if $(MASKS),--masks "$(MASKS)")
+	@$(PY) -m actorsnerf_preprocess prepare --source "$(or $(SOURCE),data/raw)" --out "$(OUT)" --workers $(WORKERS) $(if $(DATASET),--dataset $(DATASET)) $(if $(BODY),--body-model "$(BODY)") $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(if $(MASKS),--masks "$(MASKS)")
 
 pretrain: setup  ## category-level training: RUN= [DATA= PRESET=]
 	@$(PY) -m actorsnerf_train pretrain --data "$(DATA)" --run "$(RUN)" --preset $(PRESET)
@@ -53,7 +52,7 @@ tables: setup  ## the paper's tables: plan, train what is missing, write: DATA= 
 	@$(PY) -m actorsnerf_train tables --data $(DATA) --out "$(or $(TABLES),data/tables)" --preset $(PRESET)
 
 demo: setup  ## everything, on synthetic actors (or SOURCE=): pictures in data/demo
-	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY_MODEL),--body-model "$(BODY_MODEL)")
+	@$(PY) scripts/demo.py --out "$(DEMO)" $(if $(SOURCE),--source "$(SOURCE)") $(if $(BODY),--body-model "$(BODY)")
 
 test: setup  ## all tests but the slow ones
 	@$(PY) -m pytest -q -m "not slow and not gpu"

@@ -39,7 +39,11 @@ from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 from actorsnerf_model.skinning import forward_warp, skinning_volume
 from actorsnerf_model.skinning_bounds import locate, skinning_bounds
-from actorsnerf_model.skinning_decoder import SkinningDecoderConfig, skinning_decoder
+from actorsnerf_model.skinning_decoder import (
+    SkinningDecoderConfig,
+    residual_size,
+    skinning_decoder,
+)
 from actorsnerf_model.sparse_conv import SparseConfig, SparseNet, query
 from actorsnerf_model.states import FieldValues, Located, PoseState
 
@@ -201,9 +205,9 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
     def _deforms(self, window: float) -> bool:
         return self.deformation is not None and window > 0
 
-    def skinning_residual(self, prior: CategoryPrior) -> Float[Tensor, "25 z y x"]:
-        """Learned logits that were added to the skinning prior."""
-        return prior.body.residual
+    def skinning_residual(self, prior: CategoryPrior) -> Float[Tensor, ""]:
+        """Mean over nodes of the channels' summed absolute logits beside the skinning prior."""
+        return residual_size(prior.body.residual)
 
     def pose_state(
         self,

@@ -26,10 +26,10 @@ from actorsnerf_model.posed_grid import (
     LEAST_LIKELIHOOD,
     PARTS,
     Anchors,
-    FilledCells,
+    FilledVoxels,
     PosedGrid,
     anchors,
-    filled_cells,
+    filled_voxels,
     posed_grid,
 )
 from actorsnerf_model.skinning import SkinningVolume, backward_warp
@@ -66,7 +66,7 @@ class BakedState:
     data: BakedActorData
     table: BrickTable
     bounds: SkinningBounds
-    filled: FilledCells
+    filled: FilledVoxels
     anchors: Anchors
 
 
@@ -82,7 +82,7 @@ class BakedPose(PoseState):
 @torch.no_grad()
 def baked_state(data: BakedActorData) -> BakedState:
     """The state of a baked actor, once per file."""
-    filled = filled_cells(data.field, PART_REACH)
+    filled = filled_voxels(data.field, PART_REACH)
     return BakedState(
         data,
         brick_table(data.field),

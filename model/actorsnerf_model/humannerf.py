@@ -75,7 +75,6 @@ class HumanNeRFState:
     skinning: SkinningVolume
     bounds: SkinningBounds
     occupancy: OccupancyTables
-    residual: Float[Tensor, "25 z y x"]
     window: float
     """Open octaves of the motion's encoding; <= 0 leaves the motion out."""
 
@@ -123,15 +122,15 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
     def instance_state(self, prior: RestBody, window: float) -> HumanNeRFState:
         """The whole state."""
         with torch.autocast(prior.box.device.type, enabled=False):
-            residual = self.skinning()
-        volume = skinning_volume(residual, prior.log_prior, prior.box)
+            logits = self.skinning()
+        volume = skinning_volume(logits, prior.log_prior, prior.box)
         bounds = skinning_bounds(volume)
         tables = occupancy_tables(volume, bounds)
-        return HumanNeRFState(prior, volume, bounds, tables, residual, window)
+        return HumanNeRFState(prior, volume, bounds, tables, window)
 
-    def skinning_residual(self, prior: RestBody) -> Float[Tensor, "25 z y x"]:
-        """Zeros: HumanNeRF has no pull towards the prior."""
-        return torch.zeros_like(prior.log_prior)
+    def skinning_residual(self, prior: RestBody) -> Float[Tensor, ""]:
+        """Zero: HumanNeRF has no pull towards the prior."""
+        return prior.log_prior.new_zeros(())
 
     def pose_state(
         self,

@@ -57,8 +57,8 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
         """
 
     @abstractmethod
-    def skinning_residual(self, prior: Prior) -> Float[Tensor, "25 z y x"]:
-        """Learned logits that were added to the skinning prior; a regulariser pulls them to 0."""
+    def skinning_residual(self, prior: Prior) -> Float[Tensor, ""]:
+        """Size of the learned logits beside the skinning prior; a regulariser pulls it to 0."""
 
     def actor_state(self, supports: tuple[View, ...], window: float) -> State:
         """What depends on the actor alone; differentiable where its parts train."""

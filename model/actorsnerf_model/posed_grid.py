@@ -41,7 +41,7 @@ PARTS = 2
 
 
 @dataclass(frozen=True)
-class FilledCells:
+class FilledVoxels:
     """Where in canonical space anything can be seen, and what is near it."""
 
     low: Float[Tensor, "3"]
@@ -82,7 +82,7 @@ class PosedGrid:
 
 
 @torch.no_grad()
-def filled_cells(grid: BrickGrid, reach: float) -> FilledCells:
+def filled_voxels(grid: BrickGrid, reach: float) -> FilledVoxels:
     """The cells that have a visible corner, and all that are nearer to one than the reach.
 
     Args:
@@ -104,11 +104,11 @@ def filled_cells(grid: BrickGrid, reach: float) -> FilledCells:
     for _ in range(rings):
         nodes = F.max_pool3d(nodes[None, None], 3, 1, 1)[0, 0]
     cells = F.max_pool3d(nodes[None, None], 2, 1)[0, 0] > 0
-    return FilledCells(grid.low - margin * grid.voxel, grid.voxel, cells)
+    return FilledVoxels(grid.low - margin * grid.voxel, grid.voxel, cells)
 
 
 @torch.no_grad()
-def anchors(filled: FilledCells, volume: SkinningVolume) -> Anchors:
+def anchors(filled: FilledVoxels, volume: SkinningVolume) -> Anchors:
     """Points of filled cells, `ANCHOR_SPACING` apart, that some bone holds."""
     stride = max(1, round(ANCHOR_SPACING / filled.edge))
     z, y, x = (
@@ -127,7 +127,7 @@ def anchors(filled: FilledCells, volume: SkinningVolume) -> Anchors:
 @torch.no_grad()
 def posed_grid(
     known: Anchors,
-    filled: FilledCells,
+    filled: FilledVoxels,
     body_from_canonical: Float[Tensor, "24 4 4"],
     limits: tuple[Float[Tensor, "2 3"], float],
     rows_at: Callable[[Float[Tensor, "points 3"]], Float[Tensor, "points 5"]],
@@ -179,7 +179,7 @@ def _live_parts(
     table: Float[Tensor, "nodes 5"],
     cells: Int[Tensor, "cells 3"],
     sizes: tuple[int, int, int],
-    filled: FilledCells,
+    filled: FilledVoxels,
     threshold: float,
 ) -> Int[Tensor, "live 3"]:
     """The parts of cells whose middles are near something in canonical space."""
@@ -223,7 +223,7 @@ def places_of(rows: Float[Tensor, "points 5"]) -> Float[Tensor, "points 3"]:
     return rows[:, :3] / rows[:, 3:4].clamp(min=LEAST_SHARE)
 
 
-def _is_filled(filled: FilledCells, rows: Float[Tensor, "rows 5"]) -> Bool[Tensor, "rows"]:
+def _is_filled(filled: FilledVoxels, rows: Float[Tensor, "rows 5"]) -> Bool[Tensor, "rows"]:
     cell = ((places_of(rows) - filled.low) / filled.edge).floor().long()
     depth, height, width = filled.cells.shape
     x, y, z = cell.T.contiguous().unbind(0)
@@ -236,10 +236,10 @@ __all__ = [
     "LEAST_LIKELIHOOD",
     "PARTS",
     "Anchors",
-    "FilledCells",
+    "FilledVoxels",
     "PosedGrid",
     "anchors",
-    "filled_cells",
+    "filled_voxels",
     "places_of",
     "posed_grid",
 ]

@@ -155,9 +155,11 @@ class AistReader:
     ) -> RawPicture | Absent:
         if isinstance(mask, Absent):
             return mask
-        if mask is None and self._given[camera_index] is None and self._segmenter is not None:
-            return RawPicture(picture, self._segmenter.mask(picture))
-        if mask is None and self._given[camera_index] is None:
+        if self._given[camera_index] is not None:
+            return RawPicture(picture, mask)
+        if self._segmenter is not None:
+            mask = self._segmenter.mask(picture)
+        else:
             body = self._scene.silhouette(self._views[camera_index], frame_index)
             stage = self.background(camera_index)
             if not shows_somebody(picture, stage, body):

@@ -17,7 +17,7 @@ from actorsnerf_model.baked import (
 )
 from actorsnerf_model.baking import BakeReport
 from actorsnerf_model.bricks import VISIBLE_DENSITY, look_up, read_corners
-from actorsnerf_model.posed_grid import PARTS, filled_cells, places_of
+from actorsnerf_model.posed_grid import PARTS, filled_voxels, places_of
 
 Bake = Callable[[float], tuple[BakedActorData, BakeReport]]
 
@@ -42,7 +42,7 @@ def test_every_visible_place_is_in_a_filled_cell(
     state: BakedState, generator: torch.Generator
 ) -> None:
     field = state.data.field
-    filled = filled_cells(field, 0.0)
+    filled = filled_voxels(field, 0.0)
     size = torch.tensor(field.index.shape[::-1]) * 4 * field.voxel
     points = field.low + torch.rand(20000, 3, generator=generator) * size
     _, density = look_up(state.table, points)
@@ -50,7 +50,7 @@ def test_every_visible_place_is_in_a_filled_cell(
     assert seen.shape[0] > 200
     cell = ((seen - filled.low) / filled.edge).floor().long()
     assert filled.cells[cell[:, 2], cell[:, 1], cell[:, 0]].all()
-    wide = filled_cells(field, 0.05)
+    wide = filled_voxels(field, 0.05)
     assert int(wide.cells.sum()) > 1.3 * int(filled.cells.sum())
     for axis in range(3):
         for side in (0, -1):

@@ -20,7 +20,6 @@ from actorsnerf_train.health import HealthLimits
 from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import Schedule
 
-PartName = Literal["encoder", "skinning", "refiner", "deformation", "sparse", "radiance"]
 PresetName = Literal["official", "small", "small-vgg", "tiny"]
 Precision = Literal["float32", "bfloat16", "float16"]
 MethodName = Literal["actorsnerf", "humannerf"]

@@ -14,7 +14,6 @@ from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
 from actorsnerf_model.humannerf import HumanNeRF, HumanNeRFConfig
 from actorsnerf_model.learned_method import LearnedMethod
-from actorsnerf_model.skinning_decoder import residual_size
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.schedule import open_bands
 
@@ -93,4 +92,4 @@ def step_state(
     decoder adds to the prior (released code; the paper says L1 between weights and prior).
     """
     prior = known.prior or method.category_prior(supports, known.geometry)
-    return method.instance_state(prior, window), residual_size(method.skinning_residual(prior))
+    return method.instance_state(prior, window), method.skinning_residual(prior)

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import supports_from_tensors
-from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.baked import BakedActor, BakedPose, BakedState, baked_state
 from actorsnerf_model.baked_file import SUFFIX, BakedFileError, read_baked
 from actorsnerf_model.baked_render import render_baked
@@ -144,7 +143,7 @@ def draw(
     return render(method, state, pose, camera, options)
 
 
-def load_trained(source: Path, device: torch.device) -> TrainedActor[ActorsNeRFState]:
+def load_trained(source: Path, device: torch.device) -> TrainedActor[Any]:
     """The actor of a few-shot run folder or checkpoint, in evaluation mode.
 
     Raises:

@@ -67,10 +67,12 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     runs = make_plan(_study(options)) if options.data else ()
     if options.dry_run:
         return describe_plan(runs)
-    for run in runs:
-        if run.status != "done":
-            tqdm.write("\n".join(describe_plan(runs)))
-            execute(run, options.preset, options.list, options.use, options.max_frames)
+    missing = [run for run in runs if run.status != "done"]
+    if missing:
+        tqdm.write("\n".join(describe_plan(runs)))
+    for number, run in enumerate(missing, start=1):
+        tqdm.write(f"\nrun {number} of {len(missing)}: {run.folder.name}")
+        execute(run, options.preset, options.list, options.use, options.max_frames)
     entries = gather((options.out, *options.results))
     refuse_unequal(entries)
     options.out.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,7 @@ from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_sho
 from actorsnerf_datasets.types import ListName
 from actorsnerf_train.config import PresetName, fewshot, pretraining
 from actorsnerf_train.data_files import SUFFIX
+from actorsnerf_train.pretrain import Part
 from actorsnerf_train.result_file import RESULT_NAME
 
 MethodRow = Literal[
@@ -24,7 +25,7 @@ MethodRow = Literal[
     "no-body-features",
 ]
 """scratch: ActorsNeRF without its category; no-...: the paper's ablations, in both trainings."""
-ABLATED = {
+ABLATED: dict[MethodRow, Part] = {
     "no-deformation": "deformation",
     "no-pixel-features": "pixel_features",
     "no-body-features": "body_features",
@@ -116,8 +117,7 @@ def make_plan(study: Study) -> tuple[Run, ...]:
                     runs.append(Run(folder, method, (path,), setting, seed, steps))
     for path in held_out:
         _refuse_missing_settings(path, study)
-    # Runs that share a category folder are planned once.
-    return tuple(dict.fromkeys(runs))
+    return tuple(runs)
 
 
 def hours_left(runs: Sequence[Run]) -> tuple[float, int]:
