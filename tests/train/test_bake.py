@@ -12,6 +12,8 @@ from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.bake import BakeCommand, run_bake
 from actorsnerf_train.checkpoint import CheckpointError
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
+from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
+from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.result_file import read_result
 from actorsnerf_train.trained import load_actor, load_baked, load_trained
 
@@ -78,6 +80,28 @@ def test_evaluation_says_that_the_actor_was_baked(
         UserError, match=r"shows actor ann, but .*eve.safetensors was fitted to eve"
     ):
         run_evaluate(dataclasses.replace(options, data=people.ann))
+
+
+def test_a_method_without_a_baked_form_is_refused(
+    people: People, quick: Changes, tmp_path: Path
+) -> None:
+    run, out = tmp_path / "run", tmp_path / "actor.safetensors"
+    change, use = dataclasses.replace(quick, steps=1), Resources(workers=0, check=False)
+    run_fewshot(
+        FewshotOptions(
+            people.eve,
+            run,
+            "scratch",
+            "fewshot-5",
+            method="humannerf",
+            preset="tiny",
+            change=change,
+            use=use,
+        )
+    )
+    with pytest.raises(UserError, match="was fitted with humannerf, which has no baked form"):
+        run_bake(BakeCommand(run, out))
+    assert not out.exists()
 
 
 def test_a_category_cannot_be_baked(category_run: Path, tmp_path: Path) -> None:

@@ -40,6 +40,14 @@ def test_every_number_is_a_line(table: Table) -> None:
     assert first["seeds"] == "2"
 
 
+def test_the_smaller_perceptual_error_is_the_better(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.91, 40.0))
+    write((24.0, 0.90, 60.0), method="humannerf", pretrained_from=None)
+    text = latex(make_table(gather([tmp_path]), "paper"))
+    assert r"ActorsNeRF & \textbf{25.00} & \textbf{0.9100} & \textbf{40.0} \\" in text
+    assert r"HumanNeRF & 24.00 & 0.9000 & 60.0 \\" in text
+
+
 def test_latex_marks_the_best(table: Table) -> None:
     text = latex(table)
     assert r"fewshot-5 & ActorsNeRF & \textbf{26.00} & 0.9200 & \textbf{35.0} \\" in text
