@@ -18,6 +18,13 @@ _SOFT = RadianceConfig(
     width=64, code=32, octaves=8, density="softplus", density_scale=100.0, density_shift=-2.0
 )
 
+OFFICIAL_SHORT = replace(
+    OFFICIAL,
+    encoder=EncoderConfig(weights="random"),
+    radiance=RadianceConfig(density="softplus", density_scale=100.0, density_shift=-2.0),
+)
+"""The released sizes, so the released cost, but a density that some hundred steps can fill."""
+
 SMALL = ActorsNeRFConfig(
     encoder=EncoderConfig(weights="random", body_channels=16),
     skinning=SkinningDecoderConfig(kind="direct"),
@@ -44,6 +51,12 @@ TINY = ActorsNeRFConfig(
 
 HUMANNERF_OFFICIAL = HumanNeRFConfig()
 """HumanNeRF's released sizes."""
+
+HUMANNERF_OFFICIAL_SHORT = replace(
+    HUMANNERF_OFFICIAL,
+    canonical=CanonicalConfig(density="softplus", density_scale=100.0, density_shift=-2.0),
+)
+"""As `OFFICIAL_SHORT`."""
 
 HUMANNERF_SMALL = HumanNeRFConfig(
     refiner=RefinerConfig(width=128),

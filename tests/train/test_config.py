@@ -14,7 +14,7 @@ from actorsnerf_train.config import (
 from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import count, open_bands
 
-PRESETS: tuple[PresetName, ...] = ("official", "small", "small-vgg", "tiny")
+PRESETS: tuple[PresetName, ...] = ("official", "official-short", "small", "small-vgg", "tiny")
 
 
 def test_official_numbers_are_the_published_ones() -> None:
@@ -38,13 +38,22 @@ def test_presets_differ_in_sizes_not_in_the_method(preset: PresetName) -> None:
     assert pre.model == few.model
     assert (pre.stage, few.stage) == ("pretrain", "fewshot")
     assert (pre.freeze_category, few.freeze_category) == (False, True)
-    squared_error = 3.0 if preset.startswith("small") else 0.2
+    squared_error = 3.0 if preset in ("official-short", "small", "small-vgg") else 0.2
     assert pre.losses == LossWeights(1.0, squared_error, 0.01)
     assert few.losses == LossWeights(1.0, squared_error, 0.0)
     octaves = pre.actorsnerf.deformation_net.octaves
     assert open_bands(pre.schedule, 0, octaves) == 0
     assert open_bands(pre.schedule, pre.schedule.steps // 2, octaves) == octaves
     assert open_bands(few.schedule, 0, octaves) == octaves
+
+
+def test_short_official_runs_have_the_official_sizes() -> None:
+    whole, short = pretraining("official"), pretraining("official-short")
+    assert short.render == whole.render
+    for part in ("skinning", "deformation_net", "sparse", "views"):
+        assert getattr(short.actorsnerf, part) == getattr(whole.actorsnerf, part)
+    sizes = [(c.actorsnerf.radiance.width, c.actorsnerf.radiance.code) for c in (whole, short)]
+    assert sizes[0] == sizes[1] == (256, 256)
 
 
 def test_from_scratch_everything_learns_from_count_zero() -> None:

@@ -43,7 +43,7 @@ def test_there_and_back() -> None:
     assert from_json(Outer, record, "file") == OUTER
 
 
-@pytest.mark.parametrize("preset", ["official", "small", "small-vgg", "tiny"])
+@pytest.mark.parametrize("preset", ["official", "official-short", "small", "small-vgg", "tiny"])
 def test_every_configuration_survives(preset: str) -> None:
     for config in (pretraining(preset), fewshot(preset)):  # type: ignore[arg-type]  # checked above
         assert from_json(TrainConfig, to_json(config), "config") == config

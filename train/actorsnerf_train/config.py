@@ -7,9 +7,11 @@ from actorsnerf_model.actorsnerf import ActorsNeRFConfig
 from actorsnerf_model.humannerf import HumanNeRFConfig
 from actorsnerf_model.presets import (
     HUMANNERF_OFFICIAL,
+    HUMANNERF_OFFICIAL_SHORT,
     HUMANNERF_SMALL,
     HUMANNERF_TINY,
     OFFICIAL,
+    OFFICIAL_SHORT,
     SMALL,
     SMALL_VGG,
     TINY,
@@ -20,7 +22,7 @@ from actorsnerf_train.health import HealthLimits
 from actorsnerf_train.losses import LossWeights
 from actorsnerf_train.schedule import Schedule
 
-PresetName = Literal["official", "small", "small-vgg", "tiny"]
+PresetName = Literal["official", "official-short", "small", "small-vgg", "tiny"]
 Precision = Literal["float32", "bfloat16", "float16"]
 MethodName = Literal["actorsnerf", "humannerf"]
 MethodConfig = ActorsNeRFConfig | HumanNeRFConfig
@@ -29,8 +31,8 @@ FEWSHOT_FIRST_COUNT = 100_000
 
 
 SHORT_RUN_SQUARED_ERROR = 3.0
-"""Of `small`: with the paper's 0.2 the perceptual term alone leads, and colours are still those of
-no actor after 1,250 steps (measured on synthetic actors)."""
+"""Of short runs: with the paper's 0.2 the perceptual term alone leads, and colours are still those
+of no actor after 1,250 steps (measured on synthetic actors)."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,10 @@ def pretraining(preset: PresetName) -> TrainConfig:
     match preset:
         case "official":
             return TrainConfig("pretrain", preset, Schedule(200_000), model=OFFICIAL)
+        case "official-short":
+            return replace(
+                pretraining("small"), preset=preset, model=OFFICIAL_SHORT, render=RenderOptions()
+            )
         case "small" | "small-vgg":
             return TrainConfig(
                 "pretrain",
@@ -153,7 +159,7 @@ def fewshot(preset: PresetName) -> TrainConfig:
     match preset:
         case "official":
             steps, patches = 300_000, Patches(count=2)
-        case "small" | "small-vgg":
+        case "official-short" | "small" | "small-vgg":
             steps, patches = 500, Patches(count=2)
         case "tiny":
             steps, patches = 200, Patches(count=2)
@@ -172,6 +178,8 @@ def humannerf(preset: PresetName) -> TrainConfig:
     match preset:
         case "official":
             model = HUMANNERF_OFFICIAL
+        case "official-short":
+            model = HUMANNERF_OFFICIAL_SHORT
         case "small" | "small-vgg":
             model = HUMANNERF_SMALL
         case "tiny":

@@ -64,7 +64,7 @@ class FewshotOptions:
     method: MethodName = "actorsnerf"
     """humannerf: the per-person baseline, with --from scratch only."""
     preset: PresetName | None = None
-    """official, small, small-vgg or tiny; the category training's if left out."""
+    """official, official-short, small, small-vgg or tiny; the category training's if left out."""
     change: Changes = field(default_factory=Changes)
     """Differences from the preset."""
     use: Resources = field(default_factory=Resources)

@@ -38,7 +38,8 @@ class PretrainOptions:
     run: Path
     """Folder for checkpoints, log, curves and sample pictures."""
     preset: PresetName = "small"
-    """official: the paper's sizes; small: two CPU cores, within the hour; tiny: seconds."""
+    """official: the paper's; official-short: its sizes, for runs of some hundred steps; small: two
+    CPU cores, within the hour; tiny: seconds."""
     without: tuple[Part, ...] = ()
     """Parts to leave out, as in the paper's ablations."""
     trunk: Literal["resnet18", "vgg16"] | None = None
