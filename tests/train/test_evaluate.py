@@ -144,7 +144,7 @@ def test_the_same_evaluation_twice_gives_the_same_numbers(options: EvaluateOptio
     first, second = run_evaluate(quick), run_evaluate(quick)
     assert first.means == second.means
     assert not (options.out / "strip.png").exists()
-    assert json.loads((options.out / "result.json").read_text())["schema_version"] == 1
+    assert json.loads((options.out / "result.json").read_text())["schema_version"] == 2
 
 
 def test_a_device_that_is_not_there(options: EvaluateOptions) -> None:

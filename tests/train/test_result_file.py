@@ -61,7 +61,7 @@ def test_the_file_is_flat_and_documented(tmp_path: Path, evaluation: Evaluation)
 
     write_result(tmp_path / "result.json", evaluation)
     record = json.loads((tmp_path / "result.json").read_text())
-    assert (record["schema"], record["schema_version"]) == ("actorsnerf-result", 1)
+    assert (record["schema"], record["schema_version"]) == ("actorsnerf-result", 2)
     assert result.__doc__ is not None
     table = result.__doc__.split("====\n")[2]
     documented = [
@@ -92,7 +92,7 @@ def test_markdown_says_what_was_evaluated(evaluation: Evaluation) -> None:
         ("{", "is not readable as JSON"),
         ("[]", "is no result of this program"),
         ('{"schema": "other"}', "is no result of this program"),
-        ('{"schema": "actorsnerf-result", "schema_version": 2}', "has schema version 2, this prog"),
+        ('{"schema": "actorsnerf-result", "schema_version": 3}', "has schema version 3, this prog"),
         ('{"schema": "actorsnerf-result", "schema_version": 1}', "has no actor, background"),
     ],
 )

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -17,24 +16,36 @@ from tqdm import tqdm
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
-from actorsnerf_datasets.selection import camera_index, find_protocol
+from actorsnerf_datasets.selection import find_protocol
 from actorsnerf_datasets.types import Protocol, UInt8
 from actorsnerf_model.states import ActorState
-from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.checkpoint import FOLDER, write_whole
+from actorsnerf_train.curve_file import read_curve
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.judge import Judged, Judgement, judge, strip_row
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
 from actorsnerf_train.machine import program_commit, this_machine
 from actorsnerf_train.methods import trunk_of
 from actorsnerf_train.metrics import ConventionName, Lpips, Scores, mean_scores
-from actorsnerf_train.pictures import strip, write_png
+from actorsnerf_train.pictures import STRIP_GAP, strip, strip_cell, write_png
+from actorsnerf_train.places import find_places, spread
 from actorsnerf_train.records import to_json
 from actorsnerf_train.report.points import PointName, at_named_point
-from actorsnerf_train.result import CameraRow, Evaluation, ImageRow, Json, MeanRow
+from actorsnerf_train.result import (
+    CameraRow,
+    CurvePoint,
+    Evaluation,
+    ImageRow,
+    Json,
+    MeanRow,
+    StripLayout,
+    StripRow,
+)
 from actorsnerf_train.result_file import RESULT_NAME, markdown, write_result
 from actorsnerf_train.trained import TrainedActor, load_actor, with_samples
 
-Item = TypeVar("Item")
+COLUMNS = ("truth", "prediction", "error")
+"""Of the picture strip."""
 
 
 @dataclass(frozen=True)
@@ -120,16 +131,17 @@ def evaluate(
         drawing,
         published_lpips(options.lpips, trained.device),
     )
-    shown = set(_spread(range(len(plan.pairs)), options.strip)) if options.strip else set()
+    shown = spread(plan.pairs, options.strip) if options.strip else []
     images: list[ImageRow] = []
     rows: list[list[UInt8]] = []
-    for i, (camera, frame) in enumerate(tqdm(plan.pairs, desc="evaluate", unit="picture")):
-        judged = judge(trained, file, (camera, frame), judgement)
-        images += _image_rows(file, (camera, frame), judged)
-        if i in shown:
-            rows.append(strip_row(file, (camera, frame), judged))
+    for place in tqdm(plan.pairs, desc="evaluate", unit="picture"):
+        judged = judge(trained, file, place, judgement)
+        images += _image_rows(file, place, judged)
+        if place in shown:
+            rows.append(strip_row(file, place, judged))
     evaluation = _evaluation(trained, file, plan, judgement, images)
-    return replace(evaluation, seconds=time.perf_counter() - began), rows
+    seconds = time.perf_counter() - began
+    return replace(evaluation, seconds=seconds, strip=_layout(file, shown, rows)), rows
 
 
 def plan_evaluation(
@@ -151,27 +163,13 @@ def plan_evaluation(
     setting = trained.info.setting
     known = setting.protocol if setting is not None else None
     protocol = find_protocol(file, options.protocol or known)
-    frames = _spread(protocol.evaluation_frames, options.max_frames)
-    cameras = _spread(protocol.evaluation_cameras, options.max_cameras)
-    pairs: list[tuple[int, int]] = []
-    missing: list[tuple[str, int]] = []
-    for name in cameras:
-        camera = camera_index(file, name)
-        for number in frames:
-            frame = file.frame_index(number)
-            if file.valid[camera, frame]:
-                pairs.append((camera, frame))
-            else:
-                missing.append((name, number))
-    if not pairs:
-        raise UserError(
-            f"{file.path}: none of the {len(frames)} evaluation frames x {len(cameras)} cameras of "
-            f"protocol {protocol.name} has a valid picture: was the file prepared for it?"
-        )
+    frames = spread(protocol.evaluation_frames, options.max_frames)
+    cameras = spread(protocol.evaluation_cameras, options.max_cameras)
+    places = find_places(file, protocol, frames, cameras)
     whole = (len(protocol.evaluation_frames), len(protocol.evaluation_cameras))
     limited = (len(frames), len(cameras)) != whole
     return EvaluationPlan(
-        protocol, tuple(frames), tuple(cameras), limited, tuple(pairs), tuple(missing)
+        protocol, tuple(frames), tuple(cameras), limited, places.pairs, places.missing
     )
 
 
@@ -220,7 +218,29 @@ def _evaluation(
         per_camera=_camera_means(images, plan.cameras, judgement.conventions),
         per_image=tuple(images),
         baked=None if trained.baking is None else _record(trained.baking),
+        curve=_curve(trained),
     )
+
+
+def _curve(trained: TrainedActor[ActorState]) -> tuple[CurvePoint, ...] | None:
+    """What was measured in the run folder that the checkpoint lies in."""
+    folder = trained.path.parent
+    if trained.baking is not None or folder.name != FOLDER:
+        return None
+    return read_curve(folder.parent, trained.info.step)
+
+
+def _layout(
+    file: SequenceFile, places: Sequence[tuple[int, int]], rows: Sequence[Sequence[UInt8]]
+) -> StripLayout | None:
+    if not rows:
+        return None
+    lines = []
+    for (camera, frame), (truth, *_) in zip(places, rows, strict=True):
+        height, width = truth.shape[:2]
+        name, number = file.header.cameras[camera].name, int(file.header.frames[frame])
+        lines.append(StripRow(name, number, width, height))
+    return StripLayout(strip_cell(rows), STRIP_GAP, COLUMNS, tuple(lines))
 
 
 def _image_rows(file: SequenceFile, place: tuple[int, int], judged: Judged) -> list[ImageRow]:
@@ -280,12 +300,3 @@ def _record(value: object) -> dict[str, Json]:
     record = to_json(value)
     assert isinstance(record, dict)
     return record
-
-
-def _spread(items: Sequence[Item], most: int | None) -> list[Item]:
-    """At most so many of the items, evenly spread, the first and the last among them."""
-    if most is None or most >= len(items):
-        return list(items)
-    if most == 1:
-        return [items[0]]
-    return [items[round(i * (len(items) - 1) / (most - 1))] for i in range(most)]

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import torch
+
 from actorsnerf_datasets.selection import FewshotChoice
 from actorsnerf_datasets.torch_dataset import FewshotDataset
 from actorsnerf_datasets.types import ListName
@@ -23,6 +25,7 @@ from actorsnerf_train.config import (
     from_scratch,
     humannerf,
 )
+from actorsnerf_train.curve import Gauge, make_gauge
 from actorsnerf_train.data_files import background_of, check_files, describe_file, refuse_leakage
 from actorsnerf_train.distributed import local_device, team
 from actorsnerf_train.loop import Training, train
@@ -69,6 +72,9 @@ class FewshotOptions:
     """Differences from the preset."""
     use: Resources = field(default_factory=Resources)
     """How to compute."""
+    curve: bool = False
+    """Measure a few evaluation pictures at stated steps (error against time, curve.jsonl); costs a
+    minute or two that do not count as training."""
 
 
 def run_fewshot(options: FewshotOptions) -> Path:
@@ -102,6 +108,7 @@ def run_fewshot(options: FewshotOptions) -> Path:
             team=together,
             supports=tuple(view_to(view, device) for view in source.supports),
             workers=options.use.workers,
+            gauge=_gauge(options, config, source, device) if options.curve else None,
         )
         for line in (*_announcement(training.folder), perceptual_note(perceptual)):
             training.say(line)
@@ -169,6 +176,13 @@ def _source(options: FewshotOptions, config: TrainConfig) -> FewshotDataset:
         config.patches.side,
         config.schedule.steps,
     )
+
+
+def _gauge(
+    options: FewshotOptions, config: TrainConfig, source: FewshotDataset, device: torch.device
+) -> Gauge:
+    protocol, lpips = source.protocol.name, options.use.lpips
+    return make_gauge(options.data, protocol, config.render, lpips, device)
 
 
 def _origin(category: Checkpoint) -> Origin:

@@ -4,6 +4,8 @@ import json
 import math
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -63,6 +65,7 @@ class Journal:
             mininterval=0.2 if sys.stderr.isatty() else LINE_SECONDS,
         )
         self.began = time.monotonic()
+        self.apart = 0.0
 
     def __enter__(self) -> "Journal":
         return self
@@ -80,8 +83,15 @@ class Journal:
             self.curves.close()
 
     def seconds(self) -> float:
-        """Since this process began to train."""
-        return time.monotonic() - self.began
+        """Since this process began to train, without what was `not_training`."""
+        return time.monotonic() - self.began - self.apart
+
+    @contextmanager
+    def not_training(self) -> Iterator[None]:
+        """What is done meanwhile takes no training time."""
+        began = time.monotonic()
+        yield
+        self.apart += time.monotonic() - began
 
     def advance(self) -> None:
         """One step is done."""

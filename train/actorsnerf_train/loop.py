@@ -13,6 +13,8 @@ from tqdm import tqdm
 from actorsnerf_datasets.torch_dataset import Sample, View
 from actorsnerf_train.batches import SampleSource, Share, jitter_generator, sample_stream, sample_to
 from actorsnerf_train.checkpoint import checkpoint_path
+from actorsnerf_train.curve import Gauge, curve_steps
+from actorsnerf_train.curve_file import add_point, begin_curve
 from actorsnerf_train.distributed import Team, gathering, shared
 from actorsnerf_train.health import Health
 from actorsnerf_train.journal import Journal
@@ -23,9 +25,10 @@ from actorsnerf_train.objective import Objective, Outcome
 from actorsnerf_train.optimiser import adam, set_rates
 from actorsnerf_train.pictures import write_png
 from actorsnerf_train.run_folder import RunFolder
-from actorsnerf_train.saving import Learner, restore, save
+from actorsnerf_train.saving import Learner, checkpoint_info, restore, save
 from actorsnerf_train.schedule import due
 from actorsnerf_train.snapshot import snapshot
+from actorsnerf_train.trained import TrainedActor
 
 SNAPSHOTS = "pictures"
 
@@ -45,6 +48,8 @@ class Training:
     """Of the one actor of a few-shot fitting; empty where each sample brings its own."""
     workers: int = 0
     """Processes that load samples."""
+    gauge: Gauge | None = None
+    """Of a few-shot fitting whose error against time is wanted."""
 
     def say(self, sentence: str) -> None:
         """Tell the user; only the leading process does."""
@@ -67,6 +72,7 @@ def train(training: Training) -> Path:
     first, seconds_before = restore(training.folder, learner, team.leads)
     last, every = config.schedule.steps, config.every
     stride = _Stride(training, learner, first)
+    measured = _begin_measuring(training, first)
     journal = Journal(
         training.folder.path if team.leads else None, training.perceptual.name, first, last
     )
@@ -79,6 +85,9 @@ def train(training: Training) -> Path:
             done, seconds = step + 1, seconds_before + journal.seconds()
             if due(done, every.log, last):
                 journal.record(stride.means.entry(done, actor, rate, window, seconds))
+            if done in measured:
+                with journal.not_training():
+                    _measure(training, learner, done, seconds)
             if team.leads and due(done, every.checkpoint, last):
                 save(training.folder, learner, done, seconds)
             if team.leads and due(done, every.picture, last):
@@ -137,6 +146,28 @@ def _learner(training: Training) -> Learner:
     optimiser = adam(method.parts(), config.rates)
     scaler = torch.amp.GradScaler(training.device.type, enabled=config.precision == "float16")
     return Learner(method, optimiser, scaler, training.supports)
+
+
+def _begin_measuring(training: Training, first: int) -> frozenset[int]:
+    """The steps after which this process measures."""
+    if training.gauge is None or not training.team.leads:
+        return frozenset()
+    begin_curve(training.folder.path, first)
+    return curve_steps(training.folder.config.schedule.steps)
+
+
+@torch.no_grad()
+def _measure(training: Training, learner: Learner, step: int, seconds: float) -> None:
+    """Add a point to the curve: the actor as the checkpoint of this step would hold it."""
+    folder, method, gauge = training.folder, training.method, training.gauge
+    assert gauge is not None
+    mode = method.training
+    method.eval()
+    state = method.actor_state(training.supports, window_at(folder.config, step))
+    info = checkpoint_info(folder, learner, step, seconds)
+    actor = TrainedActor(method, state, training.supports, folder.config, info, folder.path)
+    add_point(folder.path, gauge.measure(actor, seconds))
+    method.train(mode)
 
 
 def _picture(training: Training, actors: dict[bytes, KnownActor], window: float, step: int) -> None:

@@ -93,8 +93,7 @@ def error_picture(
 
 def strip(rows: Sequence[Sequence[UInt8]]) -> UInt8:
     """One picture of rows and columns; smaller pictures lie top left in their white cell."""
-    height = max(picture.shape[0] for row in rows for picture in row)
-    width = max(picture.shape[1] for row in rows for picture in row)
+    width, height = strip_cell(rows)
     columns = max(len(row) for row in rows)
     down, across = height + STRIP_GAP, width + STRIP_GAP
     sheet = np.full(
@@ -105,6 +104,12 @@ def strip(rows: Sequence[Sequence[UInt8]]) -> UInt8:
             y, x = i * down, j * across
             sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
     return sheet
+
+
+def strip_cell(rows: Sequence[Sequence[UInt8]]) -> tuple[int, int]:
+    """Width and height of a strip's cells: those of its widest and of its highest picture."""
+    pictures = [picture for row in rows for picture in row]
+    return max(one.shape[1] for one in pictures), max(one.shape[0] for one in pictures)
 
 
 def _video_writer(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWriter:

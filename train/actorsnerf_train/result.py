@@ -1,12 +1,13 @@
 """`result.json`: what one evaluation found, and everything one must know to believe it.
 
-Tables and reports read this file and nothing else. It is one flat JSON object (schema 1):
+Tables and reports read this file and nothing else. It is one flat JSON object (schema 2; 1
+lacked `strip` and `curve`):
 
 =================== ===================================================================
 key                 value
 =================== ===================================================================
 schema              "actorsnerf-result"
-schema_version      1; a reader refuses a higher one
+schema_version      2; a reader refuses a higher one
 method              "actorsnerf", "humannerf" or "neuralbody"; baked: "actorsnerf-baked"
 preset              of the training: "official", "small", ...
 actor, sequence     who was rendered, from which sequence
@@ -39,6 +40,11 @@ per_camera          rows {camera, convention, psnr, ssim, lpips_x1000}: mean ove
 per_image           rows {camera, frame, convention, psnr, ssim, lpips_x1000, seconds}
 baked               how a baked actor was made: {"options": {"voxel" in metres, ...}, "report",
                     "checkpoint", ...}; null if it is not baked
+strip               where the pictures of strip.png lie: {"cell": [width, height], "gap", "columns",
+                    "rows": [{camera, frame, width, height}]}, pixels; null without a strip
+curve               error against time while it was fitted, rows {step, seconds, convention, psnr,
+                    ssim, lpips_x1000, pictures}: mean over the few (camera, frame) pictures named;
+                    seconds of training; null if it was not measured. Nothing was chosen by it
 =================== ===================================================================
 
 PSNR in decibel (at most 100: equal pictures), LPIPS times 1000 or null. `metrics.py` defines the
@@ -53,7 +59,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.metrics import ConventionName
 
 SCHEMA = "actorsnerf-result"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 if TYPE_CHECKING:
     Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -97,6 +103,44 @@ class ImageRow:
 
 
 @dataclass(frozen=True)
+class StripRow:
+    """One row of the picture strip: an evaluation picture."""
+
+    camera: str
+    frame: int
+    width: int
+    """Pixels of each of its pictures, which lie top left in their cells."""
+    height: int
+
+
+@dataclass(frozen=True)
+class StripLayout:
+    """Where the pictures of `strip.png` lie."""
+
+    cell: tuple[int, int]
+    """Width and height."""
+    gap: int
+    """Between cells."""
+    columns: tuple[str, ...]
+    rows: tuple[StripRow, ...]
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """How good a fitting was after some steps: the mean over a few evaluation pictures."""
+
+    step: int
+    seconds: float
+    """Training time so far; what measuring took is not in it."""
+    convention: ConventionName
+    psnr: float
+    ssim: float
+    lpips_x1000: float | None
+    pictures: tuple[tuple[str, int], ...]
+    """(camera, frame number)."""
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """The content of one `result.json`; the module's docstring explains each field."""
 
@@ -135,6 +179,8 @@ class Evaluation:
     per_camera: tuple[CameraRow, ...]
     per_image: tuple[ImageRow, ...]
     baked: Mapping[str, Json] | None = None
+    strip: StripLayout | None = None
+    curve: tuple[CurvePoint, ...] | None = None
 
     def mean(self, convention: ConventionName) -> MeanRow:
         """The actor's mean under a convention.

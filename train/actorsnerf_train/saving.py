@@ -56,7 +56,23 @@ class Learner:
 
 def save(folder: RunFolder, learner: Learner, step: int, seconds: float) -> Path:
     """The JSON file of a new checkpoint; older ones go, but for milestones."""
-    info = CheckpointInfo(
+    info = checkpoint_info(folder, learner, step, seconds)
+    tensors = {f"model/{name}": value for name, value in learner.method.state_dict().items()}
+    memory = optimiser_tensors(learner.optimiser, learner.parameters())
+    tensors |= {f"optimiser/{name}": value for name, value in memory.items()}
+    if learner.supports:
+        views = support_tensors(learner.supports)
+        tensors |= {f"actor/{name}": value for name, value in views.items()}
+    path = save_checkpoint(folder.path, info, tensors)
+    prune_checkpoints(folder.path, KEPT, folder.config.every.milestone)
+    return path
+
+
+def checkpoint_info(
+    folder: RunFolder, learner: Learner, step: int, seconds: float
+) -> CheckpointInfo:
+    """What a checkpoint after a step says of itself; its digest is filled in when it is written."""
+    return CheckpointInfo(
         format=FORMAT,
         format_version=FORMAT_VERSION,
         stage=folder.config.stage,
@@ -73,15 +89,6 @@ def save(folder: RunFolder, learner: Learner, step: int, seconds: float) -> Path
         commit=program_commit(),
         tensors_sha256="",
     )
-    tensors = {f"model/{name}": value for name, value in learner.method.state_dict().items()}
-    memory = optimiser_tensors(learner.optimiser, learner.parameters())
-    tensors |= {f"optimiser/{name}": value for name, value in memory.items()}
-    if learner.supports:
-        views = support_tensors(learner.supports)
-        tensors |= {f"actor/{name}": value for name, value in views.items()}
-    path = save_checkpoint(folder.path, info, tensors)
-    prune_checkpoints(folder.path, KEPT, folder.config.every.milestone)
-    return path
 
 
 def restore(folder: RunFolder, learner: Learner, write: bool) -> tuple[int, float]:

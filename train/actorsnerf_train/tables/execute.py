@@ -42,6 +42,7 @@ def execute(
             preset=preset,
             change=change,
             use=use,
+            curve=True,
         )
     )
     run_evaluate(
