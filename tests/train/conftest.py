@@ -31,6 +31,7 @@ from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.methods import build_method
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
+from actorsnerf_train.result import Evaluation
 from actorsnerf_train.run_folder import RunFolder
 from actorsnerf_train.stability.bench import Bench, make_bench
 
@@ -262,3 +263,44 @@ def make_training(people: People) -> Callable[[Path, TrainConfig], Training]:
 def bench() -> Bench:
     """An untrained tiny method on an invented actor, in three precisions."""
     return make_bench(None, None, "tiny", torch.device("cpu"))
+
+
+@pytest.fixture
+def evaluation() -> Evaluation:
+    """Invented; without means, per_camera and per_image."""
+    return Evaluation(
+        method="actorsnerf",
+        preset="small",
+        actor="eve",
+        sequence="eve-walks",
+        dataset="synthetic",
+        data_sha256="",
+        protocol="generic",
+        setting="fewshot-5",
+        list_name="official",
+        shots=5,
+        supports=3,
+        frames=(30, 32),
+        cameras=("c1",),
+        limited=False,
+        missing=(),
+        background=(0.0, 0.0, 0.0),
+        encoder="resnet18",
+        encoder_pretrained=False,
+        pretrained_from="f" * 64,
+        seed=0,
+        step=500,
+        training_seconds=100.0,
+        configuration={"model": {"deformation": True}},
+        checkpoint="runs/eve",
+        render_options={"samples": 8},
+        lpips_note=None,
+        machine={"processor": "abacus"},
+        commit=None,
+        time="2026-01-02T03:04:05+00:00",
+        seconds=2.5,
+        render_seconds=0.5,
+        means=(),
+        per_camera=(),
+        per_image=(),
+    )

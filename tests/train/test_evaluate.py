@@ -12,11 +12,13 @@ from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_train import evaluate as evaluation_module
 from actorsnerf_train.evaluate import EvaluateOptions, evaluate, plan_evaluation, run_evaluate
-from actorsnerf_train.judge import Judgement, judge
+from actorsnerf_train.judge import Judgement, judge, strip_row
 from actorsnerf_train.lpips import LpipsFiles
 from actorsnerf_train.pictures import read_png
 from actorsnerf_train.result_file import read_result
 from actorsnerf_train.trained import TrainedActor, load_trained
+
+CPU = torch.device("cpu")
 
 
 class People(Protocol):
@@ -64,7 +66,21 @@ def test_a_run_leaves_result_table_and_strip(options: EvaluateOptions) -> None:
     assert found.encoder == "resnet18" and not found.encoder_pretrained
     assert found.lpips_note is not None and "no LPIPS weights" in found.lpips_note
     assert {row.convention for row in found.per_image} == {"paper", "strict", "box"}
-    assert read_png(options.out / "strip.png").ndim == 3
+    sheet = read_png(options.out / "strip.png")
+    layout = found.strip
+    assert layout is not None and layout.columns == ("truth", "prediction", "error")
+    (row,) = layout.rows
+    assert (row.camera, row.frame) == ("camera1", found.frames[0])
+    across, down = layout.cell
+    assert sheet.shape[:2] == (down, 3 * across + 2 * layout.gap)
+    second = sheet[: row.height, across + layout.gap :][:, : row.width]
+    with SequenceFile(options.data) as file:
+        place = (1, file.frame_index(row.frame))
+        trained = load_trained(options.checkpoint, CPU)
+        render = dataclasses.replace(trained.config.render, samples=8)
+        judged = judge(trained, file, place, Judgement((), render, None))
+        assert np.array_equal(second, strip_row(file, place, judged)[1])
+    assert found.curve is None
 
 
 def test_means_are_means_of_the_pictures(
@@ -143,7 +159,7 @@ def test_the_same_evaluation_twice_gives_the_same_numbers(options: EvaluateOptio
     quick = dataclasses.replace(options, max_frames=1, strip=0)
     first, second = run_evaluate(quick), run_evaluate(quick)
     assert first.means == second.means
-    assert not (options.out / "strip.png").exists()
+    assert not (options.out / "strip.png").exists() and first.strip is None
     assert json.loads((options.out / "result.json").read_text())["schema_version"] == 2
 
 

@@ -10,56 +10,19 @@ import pytest
 from actorsnerf_train.result import Evaluation, MeanRow
 from actorsnerf_train.result_file import write_result
 
-PLAIN = Evaluation(
-    method="actorsnerf",
-    preset="small",
-    actor="eve",
-    sequence="eve-walks",
-    dataset="synthetic",
-    data_sha256="",
-    protocol="generic",
-    setting="fewshot-5",
-    list_name="official",
-    shots=5,
-    supports=3,
-    frames=(30, 32),
-    cameras=("c1",),
-    limited=False,
-    missing=(),
-    background=(0.0, 0.0, 0.0),
-    encoder="resnet18",
-    encoder_pretrained=False,
-    pretrained_from="f" * 64,
-    seed=0,
-    step=500,
-    training_seconds=100.0,
-    configuration={"model": {"deformation": True}},
-    checkpoint="runs/eve",
-    render_options={"samples": 8},
-    lpips_note=None,
-    machine={"processor": "abacus"},
-    commit=None,
-    time="2026-01-02T03:04:05+00:00",
-    seconds=2.5,
-    render_seconds=0.5,
-    means=(),
-    per_camera=(),
-    per_image=(),
-)
-
 
 class WriteResult(Protocol):
     def __call__(self, scores: tuple[float, float, float | None], **changes: object) -> Path: ...
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> WriteResult:
+def write(tmp_path: Path, evaluation: Evaluation) -> WriteResult:
     """Writes one evaluation: (PSNR, SSIM, LPIPS x1000) under `paper` and, 2 dB lower, `box`."""
     written: list[Path] = []
 
     def write_one(scores: tuple[float, float, float | None], **changes: object) -> Path:
         psnr, ssim, distance = scores
-        result = replace(PLAIN, **changes)  # type: ignore[arg-type]  # the caller's fields
+        result = replace(evaluation, **changes)  # type: ignore[arg-type]  # the caller's fields
         result = replace(
             result,
             shots=None
