@@ -29,6 +29,7 @@ from actorsnerf_preprocess.sources import (
     survey_source,
 )
 from actorsnerf_preprocess.workers import team
+from actorsnerf_preprocess.zju_layouts import TreeVariant
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,11 @@ class Synthetic:
     """Another seed, other people and dances."""
     full: bool = False
     """Draw every camera of every frame, not only what the protocol uses."""
-    variant: Literal["classic-23", "classic-21"] = "classic-23"
-    """ZJU-MoCap's tree: `Camera_B1/000000.jpg` from 0, or names with a time stamp from 1."""
+    variant: TreeVariant = "classic-23"
+    """Which of ZJU-MoCap's trees: as released (`Camera_B1/000000.jpg` from 0, or time stamps in the
+    names, from 1), with names shortened by Neural Human Performer's script, recalibrated
+    (`my_<actor>`), made with EasyMocap, or already prepared by HumanNeRF (first camera only) or
+    ActorsNeRF. The same seed gives the same pictures in each."""
     fit_noise: bool = False
     """Body fits are off by about 2 degrees and 1 cm."""
     ragged_masks: bool = False
@@ -229,7 +233,8 @@ def _prepare_one(
 ) -> None:
     source = open_source(found, options)
     print(f"{found.name}: {source.found.variant}, actor {source.actor}, {_roles(source)}")
-    print("\n".join(finding_lines(source.findings)))
+    for line in finding_lines(source.findings):
+        print(line)
     if command.dry_run:
         guess = estimate(source, PictureOptions(command.scale, command.keep_background))
         print(

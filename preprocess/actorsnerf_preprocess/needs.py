@@ -9,10 +9,10 @@ import numpy as np
 from actorsnerf_datasets.protocols import needed_pairs
 from actorsnerf_preprocess.aist_names import video_name
 from actorsnerf_preprocess.source import Found, OpenOptions
-from actorsnerf_preprocess.zju import protocol_of, wanted_pairs
 from actorsnerf_preprocess.zju_choice import CANDIDATES, fit_folders
 from actorsnerf_preprocess.zju_converted import is_converted_tree, read_converted_tree
 from actorsnerf_preprocess.zju_fits import fit_file
+from actorsnerf_preprocess.zju_protocol import protocol_of, wanted_pairs
 from actorsnerf_preprocess.zju_tree import is_zju_tree, read_tree
 
 ORIGINS = (

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from actorsnerf_preprocess.actors import (
 from actorsnerf_preprocess.motions import DANCES, Dance, Motion, draw_motion, turning_yaw
 from actorsnerf_preprocess.renderer import Light, Lighting, MeshRenderer, Pinhole
 from actorsnerf_preprocess.source import SourceError
+from actorsnerf_preprocess.zju_layouts import TreeVariant
 
 LIGHTING = Lighting(
     (
@@ -63,8 +63,8 @@ class SyntheticOptions:
     seed: int = 0
     full: bool = False
     """Draw every camera of every frame, not only what the generic protocol uses."""
-    variant: Literal["classic-23", "classic-21"] = "classic-23"
-    """ZJU-MoCap's tree: `Camera_B1/000000.jpg` from 0, or names with a time stamp from 1."""
+    variant: TreeVariant = "classic-23"
+    """Which of ZJU-MoCap's trees."""
     fit_noise: bool = False
     """Fits are off by about 2 degrees per joint and 1 cm; the true ones are kept under truth/."""
     ragged_masks: bool = False

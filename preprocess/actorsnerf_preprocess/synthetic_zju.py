@@ -1,31 +1,30 @@
-"""Synthetic actors written as a raw ZJU-MoCap tree: millimetres, distorted lenses, two fits.
+"""Synthetic actors written as a raw ZJU-MoCap tree, in any of the forms in circulation.
 
-World as in the real data: z down, floor at z = 0. Each actor has a folder `CoreView_<name>` with
-`annots.npy`, a folder of JPEGs per camera, `mask_cihp/` (part labels), `mask/` (0 and 1), and both
-fits: `params` and `vertices` without pose blend shapes, `new_params` and `new_vertices` with them.
-At the root: `synthetic.json`, `held_out.txt`, and `truth/` with what real data could not know.
+World as in the real data: z down, floor at z = 0. How an actor's folder looks is its variant's
+affair: `zju_layouts` for trees with an `annots.npy`, `zju_converted_writer` for those prepared by
+HumanNeRF and ActorsNeRF. At the root: `synthetic.json`, `held_out.txt`, and `truth/` with what real
+data could not know. The same seed gives the same pictures in every variant.
 """
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from actorsnerf_datasets import body_model
+from actorsnerf_datasets.body_model import rest
 from actorsnerf_datasets.conventions import world_from_body
 from actorsnerf_datasets.protocols import generic_protocol, needed_pairs
 from actorsnerf_datasets.rotations import axis_angle_from_matrix
-from actorsnerf_datasets.types import Float64, UInt8
+from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.actors import FramePose, actor_name, draw_meshes, skin_in_world
 from actorsnerf_preprocess.backdrops import studio
 from actorsnerf_preprocess.imperfections import noisy, ragged
 from actorsnerf_preprocess.motions import Motion
 from actorsnerf_preprocess.renderer import MeshRenderer
 from actorsnerf_preprocess.shots import Lens, Rig, Shot, rig_of, take
-from actorsnerf_preprocess.source import SourceError
+from actorsnerf_preprocess.source import SourceCamera, SourceError
 from actorsnerf_preprocess.stage import (
     LIGHTING,
     TRUTH,
@@ -42,6 +41,15 @@ from actorsnerf_preprocess.stage import (
     sign_finished,
 )
 from actorsnerf_preprocess.surface_share import seen_vertices, vertex_areas
+from actorsnerf_preprocess.zju_converted_writer import (
+    ACTORSNERF,
+    HUMANNERF,
+    ConvertedLayout,
+    ConvertedTreeWriter,
+)
+from actorsnerf_preprocess.zju_fits import RawFit
+from actorsnerf_preprocess.zju_layouts import LAYOUTS, Layout, TreeVariant
+from actorsnerf_preprocess.zju_tree_writer import AnnotatedTreeWriter, TreeWriter, write_image
 
 ZJU_FROM_STAGE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Turns y up into z down."""
@@ -52,28 +60,21 @@ FOCAL = 1.05
 DISTORTIONS = np.array([[-0.27, 0.10, 3e-4, -2e-4, -0.02], [-0.24, 0.07, -2e-4, 3e-4, -0.01]])
 """Alternating lenses, of the real ones' size."""
 FRAMES_PER_SECOND = 15.0
-STAMPED_FRAMES_PER_SECOND = 30.0
-JPEG_QUALITY = 95
+VARIANTS: dict[TreeVariant, Layout | ConvertedLayout] = {
+    **LAYOUTS,
+    "converted-humannerf": HUMANNERF,
+    "converted-actorsnerf": ACTORSNERF,
+}
+"""What each variant's folders look like."""
 
 
 @dataclass(frozen=True)
 class _Place:
-    """One actor's folder and how its files are called."""
+    """One actor's folder, what is kept beside it, and the cameras that look."""
 
-    folder: Path
+    writer: TreeWriter
     truth: Path
-    cameras: tuple[str, ...]
-    first: int
-    """Number of the first frame."""
-
-    def picture(self, camera: str, frame: int) -> str:
-        """Path below the folder."""
-        if self.first == 0:
-            return f"{camera}/{frame:06d}.jpg"
-        seconds = frame / STAMPED_FRAMES_PER_SECOND + 0.001 * self.cameras.index(camera)
-        stamp = f"2019-08-23_16-{8 + int(seconds) // 60:02d}-{seconds % 60:06.3f}"
-        name = f"{self.folder.name}_{camera.replace(' ', '_')}_{frame + 1:04d}_{stamp}"
-        return f"{camera}/{name}.jpg"
+    rigs: tuple[Rig, ...]
 
 
 def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False) -> None:
@@ -86,21 +87,25 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
         progress: show a bar.
 
     Raises:
-        SourceError: the folder holds something else.
+        SourceError: the folder holds something else, or the variant has fewer cameras.
         RendererError: headless GL does not work.
     """
+    layout = VARIANTS[options.variant]
+    _require_cameras(layout, options)
     if not claim(root, "ZJU-MoCap", options):
         return
-    names = [f"CoreView_{actor_name(index, role)}" for index, role in cast(options)]
-    rigs = studio_rigs(options)
+    names = [layout.folder.format(actor=actor_name(*each)) for each in cast(options)]
+    rigs = studio_rigs(options)[: len(layout.cameras)]
     recording = Recording(FRAMES_PER_SECOND)
     with MeshRenderer() as renderer:
         for performance in performances(
             options, renderer, recording, lambda position: is_finished(root, names[position])
         ):
-            place = _place(root, performance, options)
-            facts = _write_actor(place, performance, renderer, rigs, options, progress)
-            keep_facts(root, place.folder.name, facts)
+            name = names[performance.position]
+            place = _Place(_writer(root / name, layout, len(rigs)), root / TRUTH / name, rigs)
+            place.truth.mkdir(parents=True, exist_ok=True)
+            facts = _write_actor(place, performance, renderer, options, progress)
+            keep_facts(root, name, facts)
     sign_finished(root, names[options.actors :])
 
 
@@ -117,33 +122,36 @@ def studio_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
     )
 
 
-def _place(root: Path, performance: Performance, options: SyntheticOptions) -> _Place:
-    folder = root / f"CoreView_{performance.name}"
-    stamped = options.variant == "classic-21"
-    pattern = "Camera ({})" if stamped else "Camera_B{}"
-    cameras = tuple(pattern.format(index + 1) for index in range(options.cameras))
-    place = _Place(folder, root / TRUTH / folder.name, cameras, int(stamped))
-    for base in (folder, folder / "mask", folder / "mask_cihp"):
-        for camera in cameras:
-            (base / camera).mkdir(parents=True, exist_ok=True)
-    place.truth.mkdir(parents=True, exist_ok=True)
-    return place
+def _require_cameras(layout: Layout | ConvertedLayout, options: SyntheticOptions) -> None:
+    most = len(layout.cameras)
+    if options.cameras > most > 1:
+        raise SourceError(
+            f"--cameras {options.cameras}: a {options.variant} tree has {most} cameras at most."
+        )
+
+
+def _writer(folder: Path, layout: Layout | ConvertedLayout, cameras: int) -> TreeWriter:
+    if isinstance(layout, Layout):
+        return AnnotatedTreeWriter(folder, layout, cameras)
+    return ConvertedTreeWriter(folder, layout, cameras)
 
 
 def _write_actor(
     place: _Place,
     performance: Performance,
     renderer: MeshRenderer,
-    rigs: tuple[Rig, ...],
     options: SyntheticOptions,
     progress: bool,
 ) -> dict[str, object]:
     """Writes one actor's folder; returns what truth/ says of it."""
-    _write_annotations(place, rigs, options)
-    rng = np.random.default_rng([options.seed, *performance.name.encode(), 3])
+    writer = place.writer
+    numbers = range(writer.first, writer.first + options.frames)
+    writer.write_cameras(_cameras(place), numbers)
+    seed = [options.seed, *performance.name.encode(), 3]
     motion = performance.motion
-    found = noisy(motion, rng) if options.fit_noise else motion
-    _write_fits(place.folder, performance, found, place.first)
+    found = noisy(motion, np.random.default_rng(seed)) if options.fit_noise else motion
+    fits = {number: _fit(performance, found, frame) for frame, number in enumerate(numbers)}
+    writer.write_fits(fits, performance.dressed.body)
     if options.fit_noise:
         np.savez_compressed(
             place.truth / "motion.npz",
@@ -151,18 +159,21 @@ def _write_actor(
             global_orient=motion.global_orient,
             transl=motion.transl,
         )
-    pairs = _pairs(performance, place.cameras, options)
+    pairs = _pairs(performance, writer.cameras, options)
     seen = []
     for frame in tqdm(
         range(options.frames), desc=performance.name, disable=not progress, leave=False
     ):
         pose = performance.pose(frame)
         meshes = draw_meshes(performance.dressed, pose)
-        for camera, rig in zip(place.cameras, rigs, strict=True):
+        for camera, rig in enumerate(place.rigs):
             if (camera, frame) in pairs:
                 shot = take(renderer, meshes, rig, LIGHTING)
-                _write_shot(place, camera, frame, shot, rng if options.ragged_masks else None)
-                if camera == place.cameras[0] and frame < pool_size(options.frames):
+                # A generator per picture, so that a mask does not depend on which others there are.
+                rng = np.random.default_rng([*seed, camera, frame])
+                pair = (camera, writer.first + frame)
+                _write_shot(place, pair, shot, rng if options.ragged_masks else None)
+                if camera == 0 and frame < pool_size(options.frames):
                     seen.append(_seen(performance, pose, shot))
     return _facts(performance, np.array(seen))
 
@@ -193,74 +204,52 @@ def _facts(performance: Performance, seen: NDArray[np.bool_]) -> dict[str, objec
 
 
 def _write_shot(
-    place: _Place, camera: str, frame: int, shot: Shot, rng: np.random.Generator | None
+    place: _Place, pair: tuple[int, int], shot: Shot, rng: np.random.Generator | None
 ) -> None:
     """A picture and its masks; with a generator the masks are ragged and the true one is kept."""
-    name = place.picture(camera, frame)
-    _write_image(place.folder / name, shot.rgb[..., ::-1])
     labels = shot.labels
     if rng is not None:
-        _write_image((place.truth / "mask" / name).with_suffix(".png"), labels)
+        name = place.writer.picture_name(*pair)
+        write_image((place.truth / "mask" / name).with_suffix(".png"), labels)
         labels = ragged(labels, rng)
-    _write_image((place.folder / "mask_cihp" / name).with_suffix(".png"), labels)
-    solid = (labels > 0).astype(np.uint8)
-    _write_image((place.folder / "mask" / name).with_suffix(".png"), solid)
-
-
-def _write_image(path: Path, image: UInt8) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix == ".jpg" else []
-    if not cv2.imwrite(str(path), np.ascontiguousarray(image), quality):
-        raise SourceError(f"{path}: cannot be written; is the disk full?")
+    place.writer.write_picture(*pair, shot.rgb, labels)
 
 
 def _pairs(
     performance: Performance, cameras: tuple[str, ...], options: SyntheticOptions
-) -> frozenset[tuple[str, int]]:
+) -> frozenset[tuple[int, int]]:
     """(camera, frame position) pairs that are drawn: of the first camera, the whole pool too."""
+    every = range(len(cameras))
     if options.full:
-        return frozenset((camera, frame) for camera in cameras for frame in range(options.frames))
+        return frozenset((camera, frame) for camera in every for frame in range(options.frames))
     protocol = generic_protocol(performance.role, list(cameras), np.arange(options.frames))
-    pool = {(cameras[0], frame) for frame in range(pool_size(options.frames))}
-    return frozenset(needed_pairs(protocol) | pool)
+    needed = {(cameras.index(camera), frame) for camera, frame in needed_pairs(protocol)}
+    return frozenset(needed | {(0, frame) for frame in range(pool_size(options.frames))})
 
 
-def _write_annotations(place: _Place, rigs: tuple[Rig, ...], options: SyntheticOptions) -> None:
-    """`annots.npy`: translations in millimetres; plain lists in the 21-camera tree, as in real."""
-    lenses = [rig.lens for rig in rigs]
-    cams: dict[str, list[object]] = {
-        "K": [lens.pinhole.K for lens in lenses],
-        "D": [lens.distortion[:, None] for lens in lenses],
-        "R": [lens.pinhole.R @ ZJU_FROM_STAGE.T for lens in lenses],
-        "T": [lens.pinhole.T[:, None] * 1000 for lens in lenses],
-    }
-    if options.variant == "classic-21":
-        cams = {key: [np.asarray(value).tolist() for value in cams[key]] for key in cams}
-    pictures = [
-        {"ims": [place.picture(camera, frame) for camera in place.cameras]}
-        for frame in range(options.frames)
-    ]
-    _save(place.folder / "annots.npy", {"cams": cams, "ims": pictures})
+def _cameras(place: _Place) -> tuple[SourceCamera, ...]:
+    """The rigs in ZJU-MoCap's world."""
+    return tuple(
+        SourceCamera(
+            name=name,
+            source_index=index,
+            K=rig.lens.pinhole.K,
+            distortion=rig.lens.distortion,
+            R=rig.lens.pinhole.R @ ZJU_FROM_STAGE.T,
+            T=rig.lens.pinhole.T,
+            size=rig.lens.pinhole.size,
+        )
+        for index, (name, rig) in enumerate(zip(place.writer.cameras, place.rigs, strict=True))
+    )
 
 
-def _write_fits(folder: Path, performance: Performance, motion: Motion, first: int) -> None:
-    """Both fits, EasyMocap's convention: v = R(Rh) x + Th."""
+def _fit(performance: Performance, motion: Motion, frame: int) -> RawFit:
+    """EasyMocap's convention: v = R(Rh) x + Th."""
     betas = performance.dressed.actor.betas
-    for frame in range(motion.frame_count):
-        for prefix, blend in (("", False), ("new_", True)):
-            posed = body_model.pose(
-                performance.dressed.body, betas, motion.poses[frame], pose_blend=blend
-            )
-            world = _zju_from_body(motion, frame, posed.rest_joints[0])
-            parameters = {
-                "poses": motion.poses[frame].reshape(1, 72),
-                "Rh": axis_angle_from_matrix(world[:3, :3])[None],
-                "Th": world[None, :3, 3],
-                "shapes": betas[None],
-            }
-            vertices = posed.vertices @ world[:3, :3].T + world[:3, 3]
-            _save(folder / f"{prefix}params" / f"{frame + first}.npy", parameters)
-            _save(folder / f"{prefix}vertices" / f"{frame + first}.npy", vertices.astype("f4"))
+    pelvis = rest(performance.dressed.body, betas)[0][0]
+    world = _zju_from_body(motion, frame, pelvis)
+    Rh = axis_angle_from_matrix(world[:3, :3])
+    return RawFit(motion.poses[frame].reshape(24, 3), Rh, world[:3, 3], betas, padded=False)
 
 
 def _zju_from_body(motion: Motion, frame: int, pelvis: Float64) -> Float64:
@@ -269,8 +258,3 @@ def _zju_from_body(motion: Motion, frame: int, pelvis: Float64) -> Float64:
     stage = world_from_body(motion.global_orient[frame], motion.transl[frame], pelvis)
     moved: Float64 = turned @ stage
     return moved
-
-
-def _save(path: Path, content: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.save(path, np.asarray(content))

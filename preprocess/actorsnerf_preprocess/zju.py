@@ -10,15 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from actorsnerf_datasets import protocols
 from actorsnerf_datasets.body_model import BodyModel, load_body_model
-from actorsnerf_datasets.types import Protocol, Role
+from actorsnerf_datasets.types import Float64, Protocol
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
 from actorsnerf_preprocess.image_files import ImageReader
 from actorsnerf_preprocess.source import (
-    Finding,
     Found,
     OpenOptions,
     SourceCamera,
@@ -42,7 +39,13 @@ from actorsnerf_preprocess.zju_inspection import (
     mask_source,
     source_digests,
 )
-from actorsnerf_preprocess.zju_tree import VARIANT_LINES, is_zju_tree, subject_of
+from actorsnerf_preprocess.zju_protocol import (
+    actor_of,
+    protocol_of,
+    wanted_pairs,
+    weighed_findings,
+)
+from actorsnerf_preprocess.zju_tree import VARIANT_LINES, is_zju_tree
 
 SYNTHETIC_SIGN = "synthetic.json"
 """A file of this name in a sequence's folder or above marks a tree of our own generator."""
@@ -78,11 +81,11 @@ def survey_zju(found: Found, options: OpenOptions) -> Survey:
     Raises:
         SourceError: an annotation file is missing or damaged.
     """
-    if found.dataset == "converted":
+    if _is_converted(found):
         return survey_converted(found)
     seen = inspect_zju(found, options)
     found = replace(found, variant=VARIANT_LINES[seen.tree.variant])
-    lines = (("sequence", found.name), ("actor", _actor(found)), *facts(seen))
+    lines = (("sequence", found.name), ("actor", actor_of(found)), *facts(seen))
     return Survey(found, lines, seen.findings)
 
 
@@ -93,7 +96,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         SourceError: annotations or fits are missing or wrong, or there is no body model.
     """
     model, body_model = body_model_for(found, options)
-    if found.dataset == "converted":
+    if _is_converted(found):
         return _open_converted(found, options, model, body_model)
     seen = inspect_zju(found, options)
     tree = seen.tree
@@ -105,6 +108,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
     positions = positions[list(read.positions)]
     frames = np.array([tree.frames[p] for p in positions], np.int64)
     require_plausible_distance(seen.cameras, read)
+    absent = {"pictures", *tree.camera_names}
     files = {
         (camera, index): seen.picture_files(camera, int(position))
         for camera in range(len(seen.cameras))
@@ -112,7 +116,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
     }
     return SourceSequence(
         found=replace(found, variant=VARIANT_LINES[tree.variant]),
-        actor=_actor(found),
+        actor=actor_of(found),
         world_up=seen.world_up,
         cameras=seen.cameras,
         frames=frames,
@@ -122,24 +126,15 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         wanted=wanted[:, positions],
         body_model=body_model if choice.pose_blend else f"{body_model}, without pose blend shapes",
         mask_source=mask_source(tree.mask_sets) or "none",
-        source_terms=SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS,
+        source_terms=_terms(found),
         notes=(*seen.notes, *read.notes, *_note(protocol, model, body_model)),
         source_digests=source_digests(tree.root, _digested(seen, choice)),
-        findings=(*_relevant(seen, wanted), *choice.findings, *read.findings),
+        findings=(
+            *weighed_findings(seen.findings, wanted, tree.existing, absent),
+            *choice.findings,
+            *read.findings,
+        ),
         reader=ImageReader(tree.root, files, tuple(camera.size for camera in seen.cameras)),
-    )
-
-
-def _relevant(seen: ZjuInspection, wanted: NDArray[np.bool_]) -> tuple[Finding, ...]:
-    """The inspection's findings; absent pictures are only a note if the protocol needs none."""
-    tree = seen.tree
-    needed = {(int(camera), int(position)) for camera, position in np.argwhere(wanted)}
-    if needed - tree.existing:
-        return seen.findings
-    absent = {"pictures", *tree.camera_names}
-    return tuple(
-        replace(finding, severity="note") if finding.entry in absent else finding
-        for finding in seen.findings
     )
 
 
@@ -160,10 +155,11 @@ def _open_converted(
         for camera in range(len(tree.cameras))
         for index, frame in enumerate(frames)
     }
+    absent = {finding.entry for finding in tree.findings}
     digested = [f"{folder}/{n}.pkl" for folder in tree.folders for n in ("cameras", "mesh_infos")]
     return SourceSequence(
         found=found,
-        actor=_actor(found),
+        actor=actor_of(found),
         world_up=up,
         cameras=tree.cameras,
         frames=np.array(frames, np.int64),
@@ -173,10 +169,14 @@ def _open_converted(
         wanted=wanted[:, positions],
         body_model=body_model,
         mask_source="masks of the converted tree; not zero = person",
-        source_terms=SOURCE_TERMS,
-        notes=(*read.notes, *_note(protocol, model, body_model)),
+        source_terms=_terms(found),
+        notes=(*_up_notes(names, up), *read.notes, *_note(protocol, model, body_model)),
         source_digests=source_digests(tree.root, tuple(digested)),
-        findings=(*tree.findings, *findings, *read.findings),
+        findings=(
+            *weighed_findings(tree.findings, wanted, tree.existing, absent),
+            *findings,
+            *read.findings,
+        ),
         reader=ImageReader(tree.root, files, tuple(camera.size for camera in tree.cameras)),
     )
 
@@ -200,30 +200,6 @@ def body_model_for(found: Found, options: OpenOptions) -> tuple[BodyModel, str]:
         "basicModel_neutral_lbs_10_207_0_v1.0.0.pkl (also called SMPL_NEUTRAL.pkl) with "
         "--body-model."
     )
-
-
-def protocol_of(
-    found: Found, options: OpenOptions, cameras: tuple[str, ...], frames: tuple[int, ...]
-) -> Protocol:
-    """The published protocol of a subject, or the generic one with the role the user gave."""
-    numbers = np.array(frames, np.int64)
-    official = protocols.zju_protocol(subject_of(found.path.name), list(cameras), numbers)
-    if official is not None and found.dataset != "synthetic":
-        return official
-    names = {found.name, found.path.name, _actor(found), subject_of(found.path.name)}
-    held_out = names & set(options.held_out)
-    role: Role = "held_out" if held_out else "pretraining"
-    return protocols.generic_protocol(role, list(cameras), numbers)
-
-
-def wanted_pairs(
-    protocol: Protocol, options: OpenOptions, cameras: tuple[str, ...], frames: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """(C, F): the pairs to prepare."""
-    if options.pairs == "all":
-        return np.ones((len(cameras), len(frames)), np.bool_)
-    pairs = protocols.needed_pairs(protocol)
-    return np.array([[(name, frame) in pairs for frame in frames] for name in cameras])
 
 
 def require_plausible_distance(cameras: tuple[SourceCamera, ...], read: ReadFits) -> None:
@@ -254,17 +230,28 @@ def _sequences(root: Path, depth: int) -> list[Path]:
 
 
 def _found(path: Path) -> Found:
-    if not is_zju_tree(path):
-        variant = "prepared by HumanNeRF or ActorsNeRF"
-        return Found(path.name, path, variant, "converted")
     places = (path, path.parent, path.parent.parent)
     synthetic = any((place / SYNTHETIC_SIGN).is_file() for place in places)
+    if not is_zju_tree(path):
+        variant = "converted: prepared by HumanNeRF or ActorsNeRF"
+        return Found(path.name, path, variant, "synthetic" if synthetic else "converted")
     return Found(path.name, path, "ZJU-MoCap", "synthetic" if synthetic else "zju-mocap")
 
 
-def _actor(found: Found) -> str:
-    subject = subject_of(found.path.name)
-    return f"zju-{subject}" if subject.isdigit() and found.dataset != "synthetic" else subject
+def _is_converted(found: Found) -> bool:
+    return not is_zju_tree(found.path)
+
+
+def _up_notes(cameras: tuple[str, ...], up: Float64) -> tuple[str, ...]:
+    """What a converted file says about its world's vertical."""
+    text = f"World up {np.round(up, 3).tolist()} is minus the cameras' mean image-down direction"
+    if len(cameras) == 1:
+        return (f"{text}; of one camera alone it is off by that camera's tilt.",)
+    return (f"{text}.",)
+
+
+def _terms(found: Found) -> str:
+    return SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS
 
 
 def _note(protocol: Protocol, model: BodyModel, name: str) -> tuple[str, ...]:

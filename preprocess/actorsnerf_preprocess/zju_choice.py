@@ -123,7 +123,10 @@ def _choice(folders: FitFolders, blended: float, plain: float, refusals: list[st
     )
     findings = [Finding("warning", folders.parameters, refusal) for refusal in refusals]
     if pose_blend != (folders.parameters != "params"):
-        text = f"Was renamed: its vertices are those of a fit {kind} pose blend shapes."
+        text = (
+            f"Its vertices are those of a fit {kind} pose blend shapes, unlike the released "
+            "archives' folder of this name: renamed, or made with other tools."
+        )
         findings.append(Finding("note", folders.parameters, text))
     return FitChoice(folders, pose_blend, sentence, tuple(findings))
 

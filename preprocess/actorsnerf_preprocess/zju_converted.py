@@ -39,6 +39,8 @@ class ConvertedTree:
     frames: tuple[int, ...]
     fits: dict[int, Mapping[str, Float64]]
     """Frame number to Rh, Th, poses, joints, tpose_joints."""
+    existing: frozenset[tuple[int, int]]
+    """(camera index, frame position) of the pictures that are there."""
     findings: tuple[Finding, ...]
 
     def picture_files(self, camera: int, frame: int) -> PictureFiles:
@@ -57,23 +59,40 @@ def read_converted_tree(root: Path) -> ConvertedTree:
     """The cameras, fits and files of a prepared subject.
 
     Raises:
-        SourceError: a pickle lacks an entry, or a camera moves.
+        SourceError: a pickle lacks an entry, a camera moves, or no picture is readable at all.
     """
     folders: tuple[str, ...] = (".",)
     if not (root / "mesh_infos.pkl").is_file():
         numbered = [path for path in root.iterdir() if path.name.isdigit() and path.is_dir()]
         folders = tuple(path.name for path in sorted(numbered, key=lambda path: int(path.name)))
     fits = _fits(root / folders[0] / "mesh_infos.pkl")
-    cameras, findings = [], []
-    for index, folder in enumerate(folders):
-        camera = _camera(root / folder, index)
+    frames = tuple(sorted(fits))
+    sizes = [_size(root / folder) for folder in folders]
+    some = next((size for size in sizes if size), None)
+    if some is None:
+        first = root / folders[0] / "images"
+        raise SourceError(f"{first}: has no readable picture frame_<number>.png.")
+    cameras, findings, existing = [], [], set()
+    for index, (folder, size) in enumerate(zip(folders, sizes, strict=True)):
+        camera = _camera(root / folder, index, size or some)
         cameras.append(camera)
+        if size is None:
+            # Often only the protocol's pictures are made; a stage's cameras are alike.
+            sentence = f"No picture is readable; {some[0]} x {some[1]} is assumed."
+            findings.append(Finding("warning", f"camera {camera.name}", sentence))
         images = {path.stem for path in (root / folder / "images").glob("frame_*.png")}
-        missing = [frame for frame in fits if f"frame_{frame:06d}" not in images]
+        missing = []
+        for position, frame in enumerate(frames):
+            if f"frame_{frame:06d}" in images:
+                existing.add((index, position))
+            else:
+                missing.append(frame)
         if missing:
             sentence = f"{len(missing)} of {len(fits)} pictures are missing (first: {missing[0]})."
             findings.append(Finding("warning", f"camera {camera.name}", sentence))
-    return ConvertedTree(root, folders, tuple(cameras), tuple(sorted(fits)), fits, tuple(findings))
+    return ConvertedTree(
+        root, folders, tuple(cameras), frames, fits, frozenset(existing), tuple(findings)
+    )
 
 
 def survey_converted(found: Found) -> Survey:
@@ -163,7 +182,13 @@ def _vector(path: Path, name: str, entry: Mapping[str, object], key: str, size: 
     return values
 
 
-def _camera(folder: Path, index: int) -> SourceCamera:
+def _size(folder: Path) -> tuple[int, int] | None:
+    """Width and height of a camera's pictures; None if none is readable."""
+    pictures = sorted((folder / "images").glob("frame_*.png"))
+    return next((size for picture in pictures if (size := picture_size(picture))), None)
+
+
+def _camera(folder: Path, index: int, size: tuple[int, int]) -> SourceCamera:
     """The static camera of a folder's `cameras.pkl`."""
     path = folder / "cameras.pkl"
     content = load_pickle(path)
@@ -186,10 +211,6 @@ def _camera(folder: Path, index: int) -> SourceCamera:
     R = extrinsics[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
         raise SourceError(f"{path}: the rotation of 'extrinsics' is not a right-handed rotation.")
-    pictures = sorted((folder / "images").glob("frame_*.png"))
-    size = next((size for picture in pictures if (size := picture_size(picture))), None)
-    if size is None:
-        raise SourceError(f"{folder / 'images'}: has no readable picture frame_<number>.png.")
     name = folder.name if folder.name.isdigit() and index else str(index)
     return SourceCamera(
         name, index, first[:9].reshape(3, 3), first[25:], R, extrinsics[:3, 3].copy(), size

@@ -40,7 +40,7 @@ def test_renamed_folders_are_told_by_their_vertices(tree: Any) -> None:
         (tree.root / f"new_{name}").rename(tree.root / name)
     choice = chosen(tree)
     assert (choice.folders.parameters, choice.pose_blend) == ("params", True)
-    assert choice.findings[0].sentence.startswith("Was renamed")
+    assert "with pose blend shapes, unlike the released" in choice.findings[0].sentence
 
 
 def test_fits_paired_with_vertices_of_the_other_fit_are_refused(tree: Any) -> None:

@@ -1,0 +1,64 @@
+"""Who a ZJU-MoCap subject is in a study, and which of its pictures that study needs."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actorsnerf_datasets import protocols
+from actorsnerf_datasets.types import Protocol, Role
+from actorsnerf_preprocess.source import Finding, Found, OpenOptions
+from actorsnerf_preprocess.zju_tree import subject_of
+
+
+def actor_of(found: Found) -> str:
+    """The actor's name: the data set's number, or the folder's name without its prefix."""
+    subject = subject_of(found.path.name)
+    return f"zju-{subject}" if subject.isdigit() and found.dataset != "synthetic" else subject
+
+
+def protocol_of(
+    found: Found, options: OpenOptions, cameras: tuple[str, ...], frames: tuple[int, ...]
+) -> Protocol:
+    """The published protocol of a subject, or the generic one with the role the user gave."""
+    numbers = np.array(frames, np.int64)
+    official = protocols.zju_protocol(subject_of(found.path.name), list(cameras), numbers)
+    if official is not None and found.dataset != "synthetic":
+        return official
+    names = {found.name, found.path.name, actor_of(found), subject_of(found.path.name)}
+    held_out = names & set(options.held_out)
+    role: Role = "held_out" if held_out else "pretraining"
+    return protocols.generic_protocol(role, list(cameras), numbers)
+
+
+def wanted_pairs(
+    protocol: Protocol, options: OpenOptions, cameras: tuple[str, ...], frames: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """(C, F): the pairs to prepare."""
+    if options.pairs == "all":
+        return np.ones((len(cameras), len(frames)), np.bool_)
+    pairs = protocols.needed_pairs(protocol)
+    return np.array([[(name, frame) in pairs for frame in frames] for name in cameras])
+
+
+def weighed_findings(
+    findings: tuple[Finding, ...],
+    wanted: NDArray[np.bool_],
+    existing: frozenset[tuple[int, int]],
+    absent: set[str],
+) -> tuple[Finding, ...]:
+    """The findings; those about pictures that no wanted pair needs are only notes.
+
+    Args:
+        findings: of a tree.
+        wanted: (C, F) pairs to prepare.
+        existing: (camera index, frame position) of the pictures that are there.
+        absent: entries of the findings that say that pictures are not there.
+    """
+    needed = {(int(camera), int(position)) for camera, position in np.argwhere(wanted)}
+    if needed - existing:
+        return findings
+    return tuple(
+        replace(finding, severity="note") if finding.entry in absent else finding
+        for finding in findings
+    )
