@@ -168,6 +168,8 @@ def test_the_last_point_is_what_the_evaluation_finds_on_its_pictures(
     assert last.psnr == pytest.approx(np.mean([row.psnr for row in rows]), rel=1e-6)
     assert last.ssim == pytest.approx(np.mean([row.ssim for row in rows]), rel=1e-6)
     assert 0 < last.seconds <= found.training_seconds
+    assert isinstance(curved.category, Path)
+    assert found.category_seconds == load_checkpoint(curved.category).info.seconds
 
 
 def test_an_earlier_checkpoint_has_the_curve_up_to_there(

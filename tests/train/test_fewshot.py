@@ -44,6 +44,7 @@ def test_a_fitting_tells_where_it_comes_from(fewshot_run: Path, category_run: Pa
     info, category = load_checkpoint(fewshot_run).info, load_checkpoint(category_run).info
     assert info.origin.category_digest == category.tensors_sha256
     assert (info.origin.category_step, info.origin.category_data) == (6, category.data)
+    assert info.origin.category_seconds == category.seconds > 0
     setting = info.setting
     assert setting is not None
     assert (setting.name, setting.list_name, setting.protocol) == (

@@ -69,6 +69,8 @@ class Origin:
     category_step: int | None
     category_data: tuple[DataFile, ...]
     """What the category training had seen."""
+    category_seconds: float | None = None
+    """That it had trained."""
 
 
 @dataclass(frozen=True)

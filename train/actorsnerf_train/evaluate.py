@@ -218,6 +218,7 @@ def _evaluation(
         per_camera=_camera_means(images, plan.cameras, judgement.conventions),
         per_image=tuple(images),
         baked=None if trained.baking is None else _record(trained.baking),
+        category_seconds=info.origin.category_seconds,
         curve=_curve(trained),
     )
 

@@ -191,6 +191,7 @@ def _origin(category: Checkpoint) -> Origin:
         category_digest=category.info.tensors_sha256,
         category_step=category.info.step,
         category_data=category.info.data,
+        category_seconds=category.info.seconds,
     )
 
 

@@ -1,7 +1,7 @@
 """`result.json`: what one evaluation found, and everything one must know to believe it.
 
 Tables and reports read this file and nothing else. It is one flat JSON object (schema 2; 1
-lacked `strip` and `curve`):
+lacked the last three):
 
 =================== ===================================================================
 key                 value
@@ -40,6 +40,7 @@ per_camera          rows {camera, convention, psnr, ssim, lpips_x1000}: mean ove
 per_image           rows {camera, frame, convention, psnr, ssim, lpips_x1000, seconds}
 baked               how a baked actor was made: {"options": {"voxel" in metres, ...}, "report",
                     "checkpoint", ...}; null if it is not baked
+category_seconds    of the category training that it began from; null: from scratch, or not recorded
 strip               where the pictures of strip.png lie: {"cell": [width, height], "gap", "columns",
                     "rows": [{camera, frame, width, height}]}, pixels; null without a strip
 curve               error against time while it was fitted, rows {step, seconds, convention, psnr,
@@ -179,6 +180,7 @@ class Evaluation:
     per_camera: tuple[CameraRow, ...]
     per_image: tuple[ImageRow, ...]
     baked: Mapping[str, Json] | None = None
+    category_seconds: float | None = None
     strip: StripLayout | None = None
     curve: tuple[CurvePoint, ...] | None = None
 
