@@ -214,8 +214,9 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         actor: ActorsNeRFState,
         pose: Float[Tensor, "24 3"],
         rest_joints: Float[Tensor, "24 3"],
+        frame: int | None = None,
     ) -> PoseState:
-        """What depends on the pose alone."""
+        """What depends on the pose alone; all frames are alike."""
         joints = actor.body.geometry.canonical_joints
         canonical_from_body, body_from_canonical = bone_motions(pose, rest_joints, joints)
         bounds = observation_bounds(posed_frames(pose, rest_joints)[1])

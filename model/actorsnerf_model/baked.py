@@ -95,6 +95,8 @@ def baked_state(data: BakedActorData) -> BakedState:
 class BakedActor:
     """Implements the `Method` protocol of `states` for one baked actor; nothing learns."""
 
+    reads_directions = False
+
     def actor_state(self, supports: tuple[View, ...], window: float) -> BakedState:
         """Never: support views become an actor through networks, which baking left behind.
 

@@ -54,6 +54,11 @@ class SkipEmpty(Generic[ActorState]):
     def __init__(self, method: Method[ActorState]) -> None:
         self.method = method
 
+    @property
+    def reads_directions(self) -> bool:
+        """The method's own."""
+        return self.method.reads_directions
+
     def actor_state(self, supports: tuple[View, ...], window: float) -> FilledActor[ActorState]:
         """The method's own, and the cells filled in the support poses."""
         return self.filled(self.method.actor_state(supports, window), supports)

@@ -137,8 +137,9 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
         actor: HumanNeRFState,
         pose: Float[Tensor, "24 3"],
         rest_joints: Float[Tensor, "24 3"],
+        frame: int | None = None,
     ) -> PoseState:
-        """The bones' motions in the corrected pose; the bounds are the fitted pose's."""
+        """The bones' motions in the corrected pose, whatever the frame; the fitted one's bounds."""
         frames = posed_frames(pose, rest_joints)
         bounds = observation_bounds(frames[1])
         if self.refiner is not None:

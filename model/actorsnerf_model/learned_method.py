@@ -24,7 +24,11 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
     """A method that can be trained; keeps the contract of `states.Method`."""
 
     prior_frozen: bool = False
-    """Whether the category-level parts stand still."""
+    """Whether the category prior stands still: its parts are frozen, or it has none that learn."""
+    reads_directions: bool = False
+    """Whether colour depends on the side that a point is seen from."""
+    canonical_space: bool = True
+    """Whether located points lie in one frame for all poses."""
 
     @abstractmethod
     def parts(self) -> dict[str, nn.Module]:
@@ -66,9 +70,21 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
 
     @abstractmethod
     def pose_state(
-        self, actor: State, pose: Float[Tensor, "24 3"], rest_joints: Float[Tensor, "24 3"]
+        self,
+        actor: State,
+        pose: Float[Tensor, "24 3"],
+        rest_joints: Float[Tensor, "24 3"],
+        frame: int | None = None,
     ) -> PoseState:
-        """What depends on the pose alone."""
+        """What depends on the pose alone.
+
+        Args:
+            actor: of `instance_state`.
+            pose: axis-angle of each joint, radians.
+            rest_joints: of the posed body, metres.
+            frame: number of the frame that is learned from, for a method that knows frames; None,
+                or one that it has not seen, stands for any other frame.
+        """
 
     @abstractmethod
     def locate(

@@ -54,6 +54,12 @@ def rays_through(pixels: Float[Tensor, "rays 2"], camera: Camera) -> Rays:
         return Rays(-translation @ rotation, directions)
 
 
+def unit(directions: Float[Tensor, "rays 3"]) -> Float[Tensor, "rays 3"]:
+    """The directions at length 1; one without length stays zero, and its gradient finite."""
+    length: Tensor = torch.linalg.vector_norm(directions, dim=-1, keepdim=True)
+    return directions / length.clamp(min=PARALLEL)
+
+
 def intersect_box(rays: Rays, box: Float[Tensor, "2 3"]) -> Span:
     """The stretch of each ray inside a box, by slabs.
 
@@ -153,4 +159,5 @@ __all__ = [
     "rays_through",
     "sample_depths",
     "spacings",
+    "unit",
 ]

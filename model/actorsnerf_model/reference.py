@@ -4,11 +4,13 @@ Slow and plain on purpose: it is the oracle of `render` and what its speed is me
 shares with it only what defines the picture: the rays, the bounds, and where samples lie.
 """
 
+from dataclasses import replace
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from actorsnerf_model.rays import Rays, draw_jitter, intersect_box, sample_depths
+from actorsnerf_model.rays import Rays, draw_jitter, intersect_box, sample_depths, unit
 from actorsnerf_model.states import (
     ActorState,
     Counts,
@@ -47,7 +49,10 @@ def reference_render_pixels(
     span = intersect_box(rays, pose.bounds)
     depths = sample_depths(span.near, span.far, samples, jitter)
     points = rays.origin + depths[:, :, None] * rays.directions[:, None]
-    located, values = _everything(method, actor, pose, points.reshape(-1, 3), options.chunk)
+    towards = unit(rays.directions).repeat_interleave(samples, 0)
+    located, values = _everything(
+        (method, actor, pose), points.reshape(-1, 3), towards, options.chunk
+    )
     likelihood = located.likelihood.reshape(count, samples)
     person = (likelihood >= options.threshold) & span.hit[:, None]
     density = torch.where(person, values.density.reshape(count, samples), 0)
@@ -75,18 +80,18 @@ def reference_render_pixels(
 
 
 def _everything(
-    method: Method[ActorState],
-    actor: ActorState,
-    pose: PoseState,
+    scene: tuple[Method[ActorState], ActorState, PoseState],
     points: Float[Tensor, "points 3"],
+    directions: Float[Tensor, "points 3"],
     chunk: int,
 ) -> tuple[Located, FieldValues]:
     """Every point located and through the field, `chunk` points at a time."""
+    method, actor, pose = scene
     located, values = [], []
-    for part in torch.split(points, chunk):
+    for part, seen in zip(points.split(chunk), directions.split(chunk), strict=True):
         located.append(method.locate(actor, pose, part, 0.0))
         assert located[-1].index.shape[0] == part.shape[0], "threshold 0 must keep every point"
-        values.append(method.field(actor, pose, located[-1]))
+        values.append(method.field(actor, pose, replace(located[-1], directions=seen)))
     return (
         Located(
             torch.arange(points.shape[0], device=points.device),

@@ -24,6 +24,7 @@ from actorsnerf_model.rays import (
     rays_through,
     sample_depths,
     spacings,
+    unit,
 )
 from actorsnerf_model.states import (
     ActorState,
@@ -189,10 +190,12 @@ def _located(scene: _Scene[ActorState], samples: _Samples) -> Located:
         points = samples.rays.origin + depth[:, None] * samples.rays.directions[part // count]
         located = scene.method.locate(scene.actor, scene.pose, points, scene.options.threshold)
         pieces.append(replace(located, index=part[located.index]))
+    index = torch.cat([piece.index for piece in pieces])
     return Located(
-        torch.cat([piece.index for piece in pieces]),
+        index,
         torch.cat([piece.canonical for piece in pieces]),
         torch.cat([piece.likelihood for piece in pieces]),
+        unit(samples.rays.directions)[index // count] if scene.method.reads_directions else None,
     )
 
 
@@ -234,7 +237,7 @@ def _field(scene: _Scene[ActorState], located: Located, again: bool) -> FieldVal
         return scene.method.field(scene.actor, scene.pose, located)
 
     def values(canonical: Tensor, likelihood: Tensor) -> tuple[Tensor, Tensor]:
-        moved = Located(located.index, canonical, likelihood)
+        moved = replace(located, canonical=canonical, likelihood=likelihood)
         field = scene.method.field(scene.actor, scene.pose, moved)
         return field.rgb, field.density
 
@@ -275,7 +278,10 @@ def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located
 
 
 def _chosen(located: Located, which: Tensor | slice) -> Located:
-    return Located(located.index[which], located.canonical[which], located.likelihood[which])
+    directions = None if located.directions is None else located.directions[which]
+    return Located(
+        located.index[which], located.canonical[which], located.likelihood[which], directions
+    )
 
 
 def _composited(

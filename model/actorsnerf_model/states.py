@@ -56,9 +56,12 @@ class Located:
     index: Int[Tensor, "survivors"]
     """Which of the given points these are, ascending."""
     canonical: Float[Tensor, "survivors 3"]
-    """Canonical frame, metres."""
+    """Canonical frame, metres; of a method without one (Neural Body), the posed body frame."""
     likelihood: Float[Tensor, "survivors"]
     """Foreground likelihood, the sum of the skinning weights; >= the threshold."""
+    directions: Float[Tensor, "survivors 3"] | None = None
+    """From the camera, body frame, unit length. The renderer adds them to what `locate` returns,
+    where the method reads them."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,12 @@ ActorState = TypeVar("ActorState")
 
 @runtime_checkable
 class Method(Protocol[ActorState]):
-    """What the renderer and both trainings need of a method."""
+    """What the renderer needs of a method; what trainings need beyond it is `LearnedMethod`."""
+
+    @property
+    def reads_directions(self) -> bool:
+        """Whether the field depends on the side that a point is seen from."""
+        ...
 
     def actor_state(self, supports: tuple[View, ...], window: float) -> ActorState:
         """What depends on the actor alone; differentiable where its parts train.
@@ -142,7 +150,7 @@ class Method(Protocol[ActorState]):
     def pose_state(
         self, actor: ActorState, pose: Float[Tensor, "24 3"], rest_joints: Float[Tensor, "24 3"]
     ) -> PoseState:
-        """What depends on the pose alone."""
+        """What depends on the pose alone (a training also tells which frame it is)."""
         ...
 
     def locate(

@@ -180,6 +180,8 @@ class ToyActor:
 class ToyMethod(nn.Module):
     """Real skinning, and a field that is a formula of the canonical point."""
 
+    reads_directions = False
+
     def __init__(self, canonical_joints: Tensor, nodes: int) -> None:
         super().__init__()
         dtype = canonical_joints.dtype

@@ -15,6 +15,7 @@ from actorsnerf_model.rays import (
     rays_through,
     sample_depths,
     spacings,
+    unit,
 )
 
 if TYPE_CHECKING:
@@ -27,6 +28,15 @@ def rays(origin: list[float], *directions: list[float]) -> Rays:
     return Rays(
         torch.tensor(origin, dtype=torch.float64), torch.tensor(directions, dtype=torch.float64)
     )
+
+
+def test_unit_directions() -> None:
+    """Also of a direction without length, which no camera gives: finite, its gradient too."""
+    given = torch.tensor([[3.0, 0.0, 4.0], [0.0, 0.0, 0.0]], requires_grad=True)
+    found = unit(given)
+    torch.testing.assert_close(found, torch.tensor([[0.6, 0.0, 0.8], [0.0, 0.0, 0.0]]))
+    (gradient,) = torch.autograd.grad(found.sum(), given)
+    assert bool(gradient.isfinite().all())
 
 
 def test_a_ray_returns_to_its_pixel(scene64: "ToyScene") -> None:

@@ -18,6 +18,8 @@ RADIUS = 0.35
 class Ball:
     """A method whose actor is a ball at the origin: its state is the density there."""
 
+    reads_directions = False
+
     def actor_state(self, supports: tuple[View, ...], window: float) -> float:
         return 40.0
 

@@ -56,7 +56,7 @@ class Objective(nn.Module):
         """
         target = sample.target
         actor, residual = step_state(self.method, sample.supports, known, window)
-        pose = self.method.pose_state(actor, target.pose, target.rest_joints)
+        pose = self.method.pose_state(actor, target.pose, target.rest_joints, target.frame)
         rays = rays_through(sample.patches.reshape(-1, 2).to(target.K.dtype), camera_of(target))
         rendering = render_pixels(self.method, actor, pose, rays, self.options, generator)
         truth = at_pixels(on_background(target, self.options.background), sample.patches)

@@ -23,7 +23,7 @@ def snapshot(
     target = sample.target
     with torch.no_grad():
         actor, _ = step_state(method, sample.supports, known, window)
-        pose = method.pose_state(actor, target.pose, target.rest_joints)
+        pose = method.pose_state(actor, target.pose, target.rest_joints, target.frame)
         picture = render(method, actor, pose, camera_of(target), options).rgb
     method.train(training)
     truth = on_background(target, options.background)

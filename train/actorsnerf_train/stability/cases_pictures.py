@@ -174,6 +174,8 @@ def _dense(density: float) -> Case:
 class _Fog:
     """A method whose field has one density, and colours by place."""
 
+    reads_directions = False
+
     def __init__(self, subject: Subject, density: float) -> None:
         self.subject = subject
         self.density = subject.like.new_tensor(density).requires_grad_()
