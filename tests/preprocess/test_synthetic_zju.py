@@ -182,6 +182,13 @@ def test_a_foreign_folder_is_refused(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+def test_more_cameras_than_the_stage_has_are_refused(tmp_path: Path) -> None:
+    options = replace(TINY, variant="classic-21", cameras=22)
+    with pytest.raises(SourceError, match="--cameras 22: a classic-21 tree has 21 cameras at most"):
+        write_zju_tree(tmp_path / "new", options)
+    assert not (tmp_path / "new").exists()
+
+
 def test_bodies_have_shapes(tree: Path) -> None:
     truths = [json.loads(path.read_text()) for path in (tree / "truth").glob("*.json")]
     heights = [

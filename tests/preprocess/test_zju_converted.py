@@ -116,6 +116,28 @@ def test_the_survey_counts_missing_pictures(tmp_path: Path, write_zju: WriteTree
     assert survey.findings[0].sentence == "1 of 2 pictures are missing (first: 1)."
 
 
+def test_a_camera_without_pictures_is_noted_unless_its_pictures_are_wanted(
+    tmp_path: Path, write_zju: WriteTree, tiny_body: Path
+) -> None:
+    tree = write_zju(tmp_path / "raw" / "CoreView_377", frames=range(2), cameras=2)
+    convert(tree, tmp_path / "377", np.zeros(3))
+    for path in (tmp_path / "377" / "1" / "images").iterdir():
+        path.unlink()
+    (found,) = find_zju(tmp_path / "377")
+    for pairs, severity in (("protocol", "note"), ("all", "warning")):
+        options = OpenOptions(body_model=tiny_body, pairs="all" if pairs == "all" else "protocol")
+        source = open_zju(found, options)
+        assert source.cameras[1].size == source.cameras[0].size
+        assert [(each.severity, each.entry, each.sentence) for each in source.findings] == [
+            (severity, "camera 1", "No picture is readable; 160 x 160 is assumed."),
+            (severity, "camera 1", "2 of 2 pictures are missing (first: 0)."),
+        ]
+    for path in (tmp_path / "377" / "0" / "images").iterdir():
+        path.unlink()
+    with pytest.raises(SourceError, match=r"0/images: has no readable picture frame_<number>.png"):
+        open_zju(found, OpenOptions(body_model=tiny_body))
+
+
 @pytest.mark.parametrize(
     ("file", "change", "message"),
     [
