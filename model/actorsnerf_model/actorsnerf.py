@@ -45,7 +45,7 @@ from actorsnerf_model.skinning_decoder import (
     skinning_decoder,
 )
 from actorsnerf_model.sparse_conv import SparseConfig, SparseNet, query
-from actorsnerf_model.states import FieldValues, Located, PoseState
+from actorsnerf_model.states import DensityFirst, Located, PoseState
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         with torch.autocast(points.device.type, enabled=False):
             return locate(points, body.skinning, body.bounds, pose.canonical_from_body, threshold)
 
-    def field(self, actor: ActorsNeRFState, pose: PoseState, located: Located) -> FieldValues:
+    def field(self, actor: ActorsNeRFState, pose: PoseState, located: Located) -> DensityFirst:
         """Colour and density at located points.
 
         Pixel features belong to the category's point x_c; SMPL features and position to the
@@ -255,9 +255,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             points = (normal + 1) * ((high - low) / 2) + low
         with torch.autocast(points.device.type, enabled=False):
             body = query(actor.levels, points) if actor.levels else None
-        with self._networks(points):
-            rgb, density = self.radiance(normal, pixels, body)
-        return FieldValues(rgb, density)
+        return self._radiance(normal, pixels, body)
 
     def offsets(
         self,
@@ -280,16 +278,30 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         actor: ActorsNeRFState,
         points: Float[Tensor, "points 3"],
         poses: Float[Tensor, "poses 24 3"],
-    ) -> FieldValues:
+    ) -> DensityFirst:
         """Colour and density of category points (metres) moved by their mean offset in poses."""
         low, high = actor.body.geometry.box
         pixels = self._pixel_features(actor, points)[0]
         points = points + self.offsets(actor, points, poses)
         with torch.autocast(points.device.type, enabled=False):
             body = query(actor.levels, points) if actor.levels else None
-        with self._networks(points):
-            rgb, density = self.radiance((points - low) * (2 / (high - low)) - 1, pixels, body)
-        return FieldValues(rgb, density)
+        return self._radiance((points - low) * (2 / (high - low)) - 1, pixels, body)
+
+    def _radiance(
+        self,
+        normal: Float[Tensor, "points 3"],
+        pixels: Float[Tensor, "points views code"] | None,
+        body: Float[Tensor, "points body"] | None,
+    ) -> DensityFirst:
+        with self._networks(normal):
+            features = self.radiance.features(normal, pixels, body)
+            density = self.radiance.density(features)
+
+        def paint(which: Tensor | None) -> Tensor:
+            with self._networks(normal):
+                return self.radiance.colour(features if which is None else features.chosen(which))
+
+        return DensityFirst(density, paint)
 
     def deformation_input(
         self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.skinning import canonical_box
-from actorsnerf_model.states import ActorState, FieldValues, Located, Method, PoseState
+from actorsnerf_model.states import ActorState, Field, Located, Method, PoseState
 
 CELL = 0.015
 """Edge of a cell, metres."""
@@ -103,7 +103,7 @@ class SkipEmpty(Generic[ActorState]):
 
     def field(
         self, actor: FilledActor[ActorState], pose: PoseState, located: Located
-    ) -> FieldValues:
+    ) -> Field:
         """The method's own."""
         return self.method.field(actor.actor, pose, located)
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from actorsnerf_datasets.torch_dataset import View
-from actorsnerf_model.states import FieldValues, Located, PoseState
+from actorsnerf_model.states import Field, Located, PoseState
 
 Geometry = TypeVar("Geometry")
 Prior = TypeVar("Prior")
@@ -93,5 +93,5 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
         """The points (body frame) whose likelihood reaches the threshold, in canonical space."""
 
     @abstractmethod
-    def field(self, actor: State, pose: PoseState, located: Located) -> FieldValues:
+    def field(self, actor: State, pose: PoseState, located: Located) -> Field:
         """Colour and density at located points."""

@@ -1,15 +1,16 @@
 """The rendering network: features and position in, colour and density out (paper sec. 3.5).
 
 It computes the released network's function with fewer products: the pixel layer runs on the
-feature map, before interpolation; the body branch runs once, not once a view; and where a linear
-layer comes before the mean over views, the mean comes first.
+feature map, before interpolation; the body branch runs once, not once a view; where a linear layer
+comes before the mean over views, the mean comes first; and colour, which the density does not read,
+is its own branch, for the points that can be seen.
 """
 
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -31,6 +32,24 @@ class RadianceConfig:
     """1/metre for one unit of activation."""
     density_shift: float = 0.0
     """Added to the raw density."""
+
+
+@dataclass(frozen=True)
+class PointFeatures:
+    """What the density and the colour of points are made from."""
+
+    position: Float[Tensor, "points position"]
+    """Encoded."""
+    seen: Float[Tensor, "points views code"] | None
+    """Each support view's pixel features, reduced."""
+    body: Float[Tensor, "points code"] | None
+    """SMPL features, reduced."""
+
+    def chosen(self, which: Int[Tensor, "some"]) -> "PointFeatures":
+        """Those of some of the points."""
+        seen = None if self.seen is None else self.seen[which]
+        body = None if self.body is None else self.body[which]
+        return PointFeatures(self.position[which], seen, body)
 
 
 class Radiance(nn.Module):
@@ -62,50 +81,64 @@ class Radiance(nn.Module):
         pixels: Float[Tensor, "points views code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
-        """Colour in (0, 1) and density in 1/metre.
+        """Colour in (0, 1) and density in 1/metre, of the same arguments as `features`."""
+        features = self.features(points, pixels, body)
+        return self.colour(features), self.density(features)
+
+    def features(
+        self,
+        points: Float[Tensor, "points 3"],
+        pixels: Float[Tensor, "points views code"] | None,
+        body: Float[Tensor, "points body"] | None,
+    ) -> PointFeatures:
+        """What both branches read.
 
         Args:
             points: instance space, normalised to [-1, 1].
             pixels: pixel features already through `pixel.weight`, without its bias.
             body: body features at the points.
         """
-        width = self.config.width
         position = fourier_features(points, self.config.octaves, identity=True)
-        joined = F.relu(self._joined(position, pixels, body))
-        f_density, f_colour = joined[..., :width], joined[..., width:]
-        density = F.relu(_two_inputs(self.density_1, f_density.mean(dim=1), position))
-        density = F.relu(self.density_3(F.relu(self.density_2(density))))
-        first = self.colour_1
-        shared = F.linear(position, first.weight[:, width:], first.bias)
-        per_view = F.relu(F.linear(f_colour, first.weight[:, :width]) + shared[:, None])
-        colour = F.relu(self.colour_2(per_view.mean(dim=1)))
-        colour = self.colour_out(F.relu(self.colour_3(colour)))
-        raw = self.density_out(density)[:, 0]
-        return torch.sigmoid(colour.to(points.dtype)), positive_density(
-            raw.to(points.dtype), self.config
-        )
-
-    def _joined(
-        self,
-        position: Float[Tensor, "points position"],
-        pixels: Float[Tensor, "points views code"] | None,
-        body: Float[Tensor, "points body"] | None,
-    ) -> Float[Tensor, "points views twice"]:
-        """First layer of both branches at once, before its activation; the body's share once."""
-        weight = torch.cat([self.density_0.weight, self.colour_0.weight])
-        bias = torch.cat([self.density_0.bias, self.colour_0.bias])
-        if self.pixel is None and self.body is None:
-            return F.linear(position, weight, bias)[:, None]
-        total: Tensor = bias
-        if self.body is not None:
-            assert body is not None
-            share = F.relu(self.body(body))
-            total = F.linear(share, weight[:, : self.config.code], bias)[:, None]
+        seen = shared = None
         if self.pixel is not None:
             assert pixels is not None
-            seen = F.relu(pixels + self.pixel.bias)
-            total = total + F.linear(seen, weight[:, -self.config.code :])
-        return total
+            seen = F.relu_(pixels + self.pixel.bias)
+        if self.body is not None:
+            assert body is not None
+            shared = F.relu_(self.body(body))
+        return PointFeatures(position, seen, shared)
+
+    def density(self, features: PointFeatures) -> Float[Tensor, "points"]:
+        """Density in 1/metre."""
+        hidden = self._joined(self.density_0, features).mean(dim=1)
+        hidden = F.relu_(_two_inputs(self.density_1, hidden, features.position))
+        hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
+        raw = self.density_out(hidden)[:, 0]
+        return positive_density(raw.to(features.position.dtype), self.config)
+
+    def colour(self, features: PointFeatures) -> Float[Tensor, "points 3"]:
+        """Colour in (0, 1)."""
+        width, first = self.config.width, self.colour_1
+        shared = F.linear(features.position, first.weight[:, width:], first.bias)
+        joined = F.linear(self._joined(self.colour_0, features), first.weight[:, :width])
+        per_view = F.relu_(joined + shared[:, None])
+        hidden = F.relu_(self.colour_2(per_view.mean(dim=1)))
+        raw = self.colour_out(F.relu_(self.colour_3(hidden)))
+        return torch.sigmoid(raw.to(features.position.dtype))
+
+    def _joined(
+        self, layer: nn.Linear, features: PointFeatures
+    ) -> Float[Tensor, "points views width"]:
+        """First layer of a branch, view by view; the body's share is made once."""
+        code = self.config.code
+        if features.seen is None and features.body is None:
+            return F.relu_(layer(features.position))[:, None]
+        total: Tensor = layer.bias
+        if features.body is not None:
+            total = F.linear(features.body, layer.weight[:, :code], layer.bias)[:, None]
+        if features.seen is not None:
+            total = F.linear(features.seen, layer.weight[:, -code:]) + total
+        return F.relu_(total)
 
 
 @runtime_checkable

@@ -30,7 +30,6 @@ from actorsnerf_model.states import (
     ActorState,
     Camera,
     Counts,
-    FieldValues,
     Located,
     Method,
     Occupancy,
@@ -38,7 +37,12 @@ from actorsnerf_model.states import (
     Rendering,
     RenderOptions,
 )
-from actorsnerf_model.volume_rendering import Composited, composite, optical_depth
+from actorsnerf_model.volume_rendering import (
+    Composited,
+    composite,
+    optical_depth,
+    shares_so_far,
+)
 
 RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
@@ -217,38 +221,61 @@ def _candidates(samples: _Samples, occupancy: Occupancy | None) -> Int[Tensor, "
 
 def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:
     options = scene.options
-    rgb, density = [], []
+    likelihood = located.likelihood if options.soft_mask else None
+    ray = located.index // samples.depths.shape[1]
+    spacing = samples.spacing.reshape(-1)[located.index]
+    rgb, thickness = [], []
     for first in range(0, located.index.shape[0], options.chunk):
-        part = _chosen(located, slice(first, first + options.chunk))
-        values = _field(scene, part, again=first >= options.kept)
-        rgb.append(values.rgb.to(samples.depths.dtype))
-        density.append(values.density.to(samples.depths.dtype))
+        part = slice(first, first + options.chunk)
+        some = _chosen(located, part)
+        masked = None if likelihood is None else likelihood[part]
+        painted = _painted(scene, some, (ray[part], spacing[part], masked), first >= options.kept)
+        rgb.append(painted[0])
+        thickness.append(painted[1])
     if not rgb:
         return _Survivors(located.index, located.canonical, located.likelihood)
-    likelihood = located.likelihood if options.soft_mask else None
-    spacing = samples.spacing.reshape(-1)[located.index]
-    thickness = optical_depth(torch.cat(density), spacing, likelihood)
-    return _Survivors(located.index, torch.cat(rgb), thickness)
+    return _Survivors(located.index, torch.cat(rgb), torch.cat(thickness))
 
 
-def _field(scene: _Scene[ActorState], located: Located, again: bool) -> FieldValues:
-    """The field, computed a second time for its gradient if `again`."""
-    if not (again and torch.is_grad_enabled()):
-        return scene.method.field(scene.actor, scene.pose, located)
+def _painted(
+    scene: _Scene[ActorState],
+    located: Located,
+    along: tuple[Int[Tensor, "points"], Float[Tensor, "points"], Float[Tensor, "points"] | None],
+    again: bool,
+) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
+    """Colours (black where they cannot be seen) and optical depths of one chunk.
 
-    def values(canonical: Tensor, likelihood: Tensor) -> tuple[Tensor, Tensor]:
+    Args:
+        scene: what is drawn.
+        located: points in order along their rays.
+        along: their rays, the lengths they stand for, and the likelihoods of a soft mask.
+        again: compute it a second time for its gradient, instead of keeping what that needs.
+    """
+    ray, spacing, _ = along
+
+    def paint(
+        canonical: Tensor, likelihood: Tensor, masked: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
         moved = replace(located, canonical=canonical, likelihood=likelihood)
         field = scene.method.field(scene.actor, scene.pose, moved)
-        return field.rgb, field.density
+        thickness = optical_depth(field.density.to(spacing.dtype), spacing, masked)
+        share = shares_so_far(thickness.detach(), ray)
+        seen = (share > scene.options.least_weight).nonzero()[:, 0]
+        if seen.shape[0] == ray.shape[0]:
+            return field.rgb.to(spacing.dtype), thickness
+        colours = field.colours(seen).to(spacing.dtype)
+        return colours.new_zeros(ray.shape[0], 3).index_copy(0, seen, colours), thickness
 
-    rgb, density = checkpoint(
-        values,
-        located.canonical,
-        located.likelihood,
+    given = (located.canonical, located.likelihood, along[2])
+    if not (again and torch.is_grad_enabled()):
+        return paint(*given)
+    rgb, thickness = checkpoint(
+        paint,
+        *given,
         use_reentrant=False,
         preserve_rng_state=False,  # no field draws random numbers
     )
-    return FieldValues(rgb, density)
+    return rgb, thickness
 
 
 def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:

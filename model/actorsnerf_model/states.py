@@ -4,6 +4,7 @@
 Each method has its own `ActorState`; a baked actor is one more.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
@@ -66,12 +67,42 @@ class Located:
 
 @dataclass(frozen=True)
 class FieldValues:
-    """The radiance field at located points."""
+    """The radiance field at located points, all of it there."""
 
     rgb: Float[Tensor, "survivors 3"]
     """In (0, 1)."""
     density: Float[Tensor, "survivors"]
     """Non-negative, 1/metre."""
+
+    def colours(self, which: Int[Tensor, "some"]) -> Float[Tensor, "some 3"]:
+        """Those of some of the points."""
+        return self.rgb[which]
+
+
+@dataclass(frozen=True)
+class DensityFirst:
+    """The radiance field at located points, colours made when asked for.
+
+    The density says which points can be seen; most cannot.
+    """
+
+    density: Float[Tensor, "survivors"]
+    """Non-negative, 1/metre."""
+    paint: Callable[[Int[Tensor, "some"] | None], Float[Tensor, "some 3"]]
+    """Colours, in (0, 1), of some points; of all without a choice."""
+
+    @property
+    def rgb(self) -> Float[Tensor, "survivors 3"]:
+        """All colours."""
+        return self.paint(None)
+
+    def colours(self, which: Int[Tensor, "some"]) -> Float[Tensor, "some 3"]:
+        """Those of some of the points."""
+        return self.paint(which)
+
+
+Field = FieldValues | DensityFirst
+"""What a method says of located points."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +144,9 @@ class RenderOptions:
     """Skip samples in cells that cannot pass the test (exact)."""
     stop_transmittance: float = 0.0
     """Stop a ray once less light than this passes; 0 = never (exact)."""
+    least_weight: float = 0.0
+    """Share of a pixel below which a sample's colour is taken as black instead of computed; 0 = ask
+    for all that have any. A pixel misses at most this times the samples on its ray."""
     pixel_tolerance: float = 0.0
     """Interpolate a pixel inside the person whose drawn neighbours differ by at most this in colour
     and opacity, both in [0, 1]; 0 = draw every pixel (exact). Whole pictures only."""
@@ -163,7 +197,7 @@ class Method(Protocol[ActorState]):
         """The points (body frame) whose likelihood reaches the threshold, in canonical space."""
         ...
 
-    def field(self, actor: ActorState, pose: PoseState, located: Located) -> FieldValues:
+    def field(self, actor: ActorState, pose: PoseState, located: Located) -> Field:
         """Colour and density at located points."""
         ...
 
@@ -172,6 +206,8 @@ __all__ = [
     "ActorState",
     "Camera",
     "Counts",
+    "DensityFirst",
+    "Field",
     "FieldValues",
     "Located",
     "Method",

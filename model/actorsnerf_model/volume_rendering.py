@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 FULL = 1 - 2.0**-23
@@ -40,6 +40,29 @@ def optical_depth(
         return thickness
     opacity = (-torch.expm1(-thickness) * likelihood).clamp(0, FULL)
     return -torch.log1p(-opacity)
+
+
+def shares_so_far(
+    thickness: Float[Tensor, "samples"], ray: Int[Tensor, "samples"]
+) -> Float[Tensor, "samples"]:
+    """At most what each sample can add to its pixel, judged by the samples given before it.
+
+    Samples that are not given could only take light away.
+
+    Args:
+        thickness: optical depth of each sample, non-negative.
+        ray: of each sample; those of one ray stand together, front to back.
+
+    >>> shares_so_far(torch.tensor([0.0, 200.0, 1.0, 1.0]), torch.tensor([0, 0, 0, 1])).tolist()
+    [0.0, 1.0, 0.0, 0.6321205496788025]
+    """
+    # Beyond an optical depth of 200 nothing is left in float32; the sum over rays stays exact.
+    bounded = thickness.double().clamp(max=200.0)
+    before = bounded.cumsum(0) - bounded
+    begins = torch.ones_like(ray, dtype=torch.bool)
+    begins[1:] = ray[1:] != ray[:-1]
+    start = torch.where(begins, before, 0.0).cummax(0).values if len(ray) else before
+    return (torch.exp(start - before) * -torch.expm1(-bounded)).to(thickness.dtype)
 
 
 def composite(

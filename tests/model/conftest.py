@@ -19,7 +19,7 @@ from actorsnerf_model.presets import TINY
 from actorsnerf_model.skinning import SkinningVolume, canonical_box, skinning_volume
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.skinning_prior import log_prior
-from actorsnerf_model.states import Camera, FieldValues, Located, Method, PoseState
+from actorsnerf_model.states import Camera, DensityFirst, Located, Method, PoseState
 
 SEED = 20231002
 THRESHOLD = 0.01
@@ -194,6 +194,8 @@ class ToyMethod(nn.Module):
         self.density = nn.Parameter(torch.tensor(30.0, dtype=dtype))
         self.asked = 0
         """Points that went through `field`."""
+        self.painted = 0
+        """Points whose colour was asked for."""
 
     def actor_state(self, supports: tuple[View, ...], window: float) -> ToyActor:
         box = canonical_box(self.canonical_joints)
@@ -213,11 +215,17 @@ class ToyMethod(nn.Module):
     def locate(self, actor: ToyActor, pose: PoseState, points: Tensor, threshold: float) -> Located:
         return locate(points, actor.volume, actor.bounds, pose.canonical_from_body, threshold)
 
-    def field(self, actor: ToyActor, pose: PoseState, located: Located) -> FieldValues:
+    def field(self, actor: ToyActor, pose: PoseState, located: Located) -> DensityFirst:
         self.asked += located.index.shape[0]
         wave = torch.sin(7 * located.canonical @ self.colours)
         density = self.density * torch.relu(0.5 + wave.sum(-1))
-        return FieldValues(torch.sigmoid(3 * wave), density)
+
+        def paint(which: Tensor | None) -> Tensor:
+            seen = wave if which is None else wave[which]
+            self.painted += seen.shape[0]
+            return torch.sigmoid(3 * seen)
+
+        return DensityFirst(density, paint)
 
 
 @dataclass(frozen=True)

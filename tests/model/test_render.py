@@ -139,6 +139,34 @@ def test_stopping_early_costs_at_most_the_light_left(
     assert stopped.counts.survivors < exact.counts.survivors
 
 
+@pytest.mark.parametrize("soft_mask", [True, False])
+@pytest.mark.parametrize("least", [1e-5, 1e-3, 0.02])
+def test_colours_of_what_hardly_shows_are_not_asked_for(
+    scene: "ToyScene", least: float, soft_mask: bool
+) -> None:
+    options = dataclasses.replace(OPTIONS, samples=100, soft_mask=soft_mask)
+    scene.method.density.data.mul_(10)
+    exact = fast(scene, all_rays(scene), options)
+    before = scene.method.painted
+    spare = dataclasses.replace(options, least_weight=least)
+    spared = fast(scene, all_rays(scene), spare)
+    assert scene.method.painted - before < 0.6 * spared.counts.survivors
+    assert (exact.rgb - spared.rgb).min() >= -1e-6  # only light can be missing
+    assert (exact.rgb - spared.rgb).max() <= 100 * least + 1e-6
+    torch.testing.assert_close(spared.alpha, exact.alpha, atol=1e-6, rtol=0)
+
+
+def test_no_colour_is_asked_for_where_nothing_is(scene: "ToyScene") -> None:
+    """Even exactly: the field has no density in half of its waves, and none behind a wall."""
+    before = scene.method.painted
+    fast(scene, all_rays(scene))
+    some = scene.method.painted - before
+    scene.method.density.data.mul_(1e6)
+    before = scene.method.painted
+    fast(scene, all_rays(scene))
+    assert 0 < scene.method.painted - before < 0.5 * some
+
+
 def test_rays_that_miss_and_no_rays_at_all(scene: "ToyScene") -> None:
     away = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
     none = Rays(torch.tensor([0.0, 0.0, 9.0]), torch.zeros(0, 3))

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.autograd import gradcheck
 
-from actorsnerf_model.volume_rendering import composite, optical_depth
+from actorsnerf_model.volume_rendering import composite, optical_depth, shares_so_far
 
 
 def loop(
@@ -83,6 +83,30 @@ def test_values_and_gradients_are_finite(density: float, likelihood: float | Non
     if mask is not None:
         assert mask.grad is not None
         assert torch.isfinite(mask.grad).all()
+
+
+def test_shares_so_far_are_the_weights_of_whole_rays(generator: torch.Generator) -> None:
+    """And at least them where samples in front are left out."""
+    thickness = torch.rand(7, 9, generator=generator) ** 4 * 5
+    weights = composite(
+        torch.zeros(7, 9, 3), thickness, torch.ones(7, 9), torch.zeros(3)
+    ).weights.reshape(-1)
+    ray = torch.arange(63) // 9
+    shares = shares_so_far(thickness.reshape(-1), ray)
+    torch.testing.assert_close(shares, weights, rtol=1e-5, atol=1e-7)
+    some = torch.rand(63, generator=generator) < 0.6
+    assert (shares_so_far(thickness.reshape(-1)[some], ray[some]) >= weights[some] - 1e-7).all()
+
+
+def test_nothing_behind_what_is_opaque_has_a_share() -> None:
+    """Sums over many opaque rays must not swallow the next ray's first sample."""
+    thickness = torch.tensor([1e6, 1e-4] * 20000)
+    ray = torch.arange(40000) // 2
+    shares = shares_so_far(thickness, ray)
+    assert (shares[0::2] == 1).all() and (shares[1::2] == 0).all()
+    alone = shares_so_far(thickness, torch.arange(40000))
+    torch.testing.assert_close(alone[1::2], torch.full((20000,), 1e-4), rtol=1e-3, atol=0)
+    assert shares_so_far(torch.zeros(0), torch.zeros(0, dtype=torch.long)).shape == (0,)
 
 
 def test_empty_rays_are_background() -> None:

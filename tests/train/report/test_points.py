@@ -34,7 +34,8 @@ def test_exact_points_keep_the_trainings_samples_and_threshold() -> None:
         assert options.background == base.background
         if point.kind != "stated":
             assert (options.samples, options.threshold) == (48, 0.02)
-            assert options.stop_transmittance <= 1 / 255
+            lost = options.stop_transmittance + options.samples * options.least_weight
+            assert lost <= 1 / 255
             assert point.precision == "float32"
 
 

@@ -34,7 +34,9 @@ PointName = Literal[
     "fastest",
 ]
 EXACT_STOP = 1e-3
-"""Light that `exact` lets go at most, and so its largest error: a quarter of 1/255."""
+"""Light that `exact` lets go at most: a quarter of 1/255."""
+EXACT_WEIGHT = 1e-5
+"""Share of a pixel under which `exact` asks for no colour: 128 of it are a third of 1/255."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class OperatingPoint:
     """Samples per ray, as a share of the training's."""
     stop: float = EXACT_STOP
     """`stop_transmittance`."""
+    least_weight: float = EXACT_WEIGHT
+    """Share of a pixel under which a sample's colour is not computed."""
     threshold: float | None = None
     """Foreground likelihood below which a sample is empty; None: the training's."""
     precision: Precision = "float32"
@@ -61,10 +65,18 @@ class OperatingPoint:
 
 POINTS: tuple[OperatingPoint, ...] = (
     OperatingPoint(
-        "reference", "every sample through every network, float32", "reference", stop=0.0
+        "reference",
+        "every sample through every network, float32",
+        "reference",
+        stop=0.0,
+        least_weight=0.0,
     ),
-    OperatingPoint("complete", "empty space skipped; nothing else", "exact", stop=0.0),
-    OperatingPoint("exact", "also stops behind what is opaque to 0.1 %", "exact"),
+    OperatingPoint(
+        "complete", "empty space skipped; nothing else", "exact", stop=0.0, least_weight=0.0
+    ),
+    OperatingPoint(
+        "exact", "also stops behind what is opaque to 0.1 %; no colour for what adds 1e-5", "exact"
+    ),
     OperatingPoint("stop-1e-2", "stops behind what is opaque to 1 %", stop=1e-2),
     OperatingPoint("skip-empty", "skips cells that were empty in other poses", skip_empty=True),
     OperatingPoint(
@@ -81,6 +93,7 @@ POINTS: tuple[OperatingPoint, ...] = (
         "fast",
         "skips empty cells, pixels by need, stop at 1 %, bfloat16",
         stop=1e-2,
+        least_weight=1e-4,
         precision="bfloat16",
         pixel_tolerance=0.1,
         skip_empty=True,
@@ -90,6 +103,7 @@ POINTS: tuple[OperatingPoint, ...] = (
         "the same with coarser pixels and half the samples per ray",
         samples=0.5,
         stop=1e-2,
+        least_weight=1e-3,
         precision="bfloat16",
         pixel_tolerance=0.2,
         skip_empty=True,
@@ -118,6 +132,7 @@ def options_at(point: OperatingPoint, trained: RenderOptions) -> RenderOptions:
         samples=max(1, round(trained.samples * point.samples)),
         threshold=trained.threshold if point.threshold is None else point.threshold,
         stop_transmittance=point.stop,
+        least_weight=point.least_weight,
         pixel_tolerance=point.pixel_tolerance,
     )
 
