@@ -27,7 +27,7 @@ from actorsnerf_model.offset_nodes import (
     offsets_in_pose,
 )
 from actorsnerf_model.skinning import SkinningVolume, nodes_from_canonical
-from actorsnerf_model.states import FieldValues
+from actorsnerf_model.states import Field
 
 POINTS_AT_ONCE = 16384
 """Points through the networks together."""
@@ -168,7 +168,7 @@ def _best_follow(
     return FOLLOWS[int(error.argmin())]
 
 
-def _look(values: FieldValues, length: float) -> Float[Tensor, "points 4"]:
+def _look(values: Field, length: float) -> Float[Tensor, "points 4"]:
     opacity = -torch.expm1(-values.density.float() * length)[:, None]
     return torch.cat([values.rgb.float() * opacity, opacity], -1)
 

@@ -88,7 +88,7 @@ def _everything(
     """Every point located and through the field, `chunk` points at a time."""
     method, actor, pose = scene
     located, values = [], []
-    for part, seen in zip(points.split(chunk), directions.split(chunk), strict=True):
+    for part, seen in zip(torch.split(points, chunk), torch.split(directions, chunk), strict=True):
         located.append(method.locate(actor, pose, part, 0.0))
         assert located[-1].index.shape[0] == part.shape[0], "threshold 0 must keep every point"
         values.append(method.field(actor, pose, replace(located[-1], directions=seen)))

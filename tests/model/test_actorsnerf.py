@@ -16,7 +16,7 @@ from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.presets import TINY
 from actorsnerf_model.skinning import forward_warp
 from actorsnerf_model.sparse_conv import query
-from actorsnerf_model.states import FieldValues, Located, Method, PoseState
+from actorsnerf_model.states import DensityFirst, Located, Method, PoseState
 
 Views = Callable[..., tuple[View, ...]]
 OPEN = 3.0
@@ -58,7 +58,7 @@ def stage(config: ActorsNeRFConfig, views: tuple[View, ...], window: float = OPE
     return Scene(method, prior, actor, pose, method.locate(actor, pose, points, THRESHOLD))
 
 
-def field(scene: Scene) -> FieldValues:
+def field(scene: Scene) -> DensityFirst:
     return scene.method.field(scene.actor, scene.pose, scene.located)
 
 

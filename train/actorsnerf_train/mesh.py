@@ -14,7 +14,7 @@ from torch import Tensor
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.types import Float32, UInt8
-from actorsnerf_model.states import ActorState, FieldValues, Method, PoseState
+from actorsnerf_model.states import ActorState, Method, PoseState
 from actorsnerf_train.checkpoint import write_whole
 
 UNSEEN_GREY = 0.5
@@ -66,7 +66,7 @@ class PosedActor(Generic[ActorState]):
         for start in range(0, len(points), options.chunk):
             part = points[start : start + options.chunk]
             located = self.method.locate(self.actor, self.pose, part, options.threshold)
-            values: FieldValues = self.method.field(self.actor, self.pose, located)
+            values = self.method.field(self.actor, self.pose, located)
             rgb[start + located.index] = values.rgb.to(rgb.dtype)
             density[start + located.index] = values.density.to(density.dtype)
         return rgb, density
