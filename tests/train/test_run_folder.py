@@ -40,6 +40,18 @@ def test_another_run_is_refused(folder: RunFolder) -> None:
         other.open(write=True)
 
 
+def test_a_run_from_before_a_setting_existed_goes_on(folder: RunFolder) -> None:
+    folder.open(write=True)
+    record = json.loads((folder.path / CONFIG).read_text())
+    assert record["configuration"]["render"].pop("least_weight") == 0.0
+    (folder.path / CONFIG).write_text(json.dumps(record))
+    assert folder.open(write=True) is None
+    record["configuration"]["seed"] = "five"
+    (folder.path / CONFIG).write_text(json.dumps(record))
+    with pytest.raises(UserError, match="configuration.*seed is 'five', expected int"):
+        folder.open(write=True)
+
+
 def test_moved_data_is_the_same_data(folder: RunFolder) -> None:
     folder.open(write=True)
     replace(folder, data=(DataFile("b/y.h5", "walk", "ann", "ab"),)).open(write=True)

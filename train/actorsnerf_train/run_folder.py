@@ -23,7 +23,7 @@ from actorsnerf_train.checkpoint import (
 )
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.machine import program_commit
-from actorsnerf_train.records import to_json
+from actorsnerf_train.records import from_json, to_json
 from actorsnerf_train.result import Json
 
 CONFIG = "config.json"
@@ -52,8 +52,7 @@ class RunFolder:
         known = self._as_json()
         file = self.path / CONFIG
         if file.is_file():
-            found: Json = json.loads(file.read_text(encoding="utf-8"))
-            difference = first_difference(found, known, "")
+            difference = first_difference(_found(file), known, "")
             if difference:
                 raise UserError(
                     f"{file}: the folder holds another run ({difference}): choose another --run, "
@@ -75,6 +74,14 @@ class RunFolder:
             "setting": to_json(self.setting),
             "category_digest": self.origin.category_digest,
         }
+
+
+def _found(file: Path) -> Json:
+    """What the folder holds; a setting that came after it was written has its default."""
+    found: dict[str, Json] = json.loads(file.read_text(encoding="utf-8"))
+    where = f"{file}: configuration"
+    config = from_json(TrainConfig, found.get("configuration"), where)
+    return found | {"configuration": to_json(config)}
 
 
 def package_versions() -> JsonObject:
