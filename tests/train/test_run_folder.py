@@ -48,7 +48,7 @@ def test_a_run_from_before_a_setting_existed_goes_on(folder: RunFolder) -> None:
     assert folder.open(write=True) is None
     record["configuration"]["seed"] = "five"
     (folder.path / CONFIG).write_text(json.dumps(record))
-    with pytest.raises(UserError, match="configuration.*seed is 'five', expected int"):
+    with pytest.raises(UserError, match=r"configuration.*seed is 'five', expected int"):
         folder.open(write=True)
 
 
