@@ -1,10 +1,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from actorsnerf_train.__main__ import main
 from actorsnerf_train.options import Resources
+from actorsnerf_train.pictures import write_png
+from actorsnerf_train.result import CurvePoint, StripLayout, StripRow
 from actorsnerf_train.tables import command
 from actorsnerf_train.tables.command import TablesOptions, run_tables
 from actorsnerf_train.tables.execute import execute
@@ -34,6 +37,30 @@ def test_results_become_tables(write: "WriteResult", tmp_path: Path) -> None:
     assert "**Not at equal steps**" in text
     assert "Only part of the protocol" in text
     assert "Machines: abacus." in text
+    assert "table_time.md" not in text
+
+
+def test_curves_parts_and_pictures_become_files(write: "WriteResult", tmp_path: Path) -> None:
+    pictures = (("c1", 30), ("c1", 32))
+    curve = (
+        CurvePoint(10, 4.0, "box", 20.0, 0.8, 90.0, pictures),
+        CurvePoint(500, 100.0, "box", 22.0, 0.9, 60.0, pictures),
+    )
+    strip = StripLayout((12, 8), 4, ("truth", "prediction", "error"), (StripRow("c1", 30, 12, 8),))
+    path = write((25.0, 0.9, 50.0), curve=curve, strip=strip, category_seconds=2160.0)
+    write_png(path.parent / "strip.png", np.zeros((8, 44, 3), dtype=np.uint8))
+    write((24.0, 0.9, 60.0), configuration={"model": {"deformation": False}})
+    told = run_tables(
+        TablesOptions(tmp_path / "out", results=(tmp_path / "results",), conventions=("box",))
+    )
+    names = [Path(line.removeprefix("table: ")).name for line in told]
+    first = ["table_box.md", "table_box.csv", "table_box.tex", "lpips_box.png", "parts_box.md"]
+    then = ["table_time.md", "table_time.csv", "table_time.tex", "curves.png"]
+    assert names == [*first, *then, "pictures_eve_fewshot-5_official.png"]
+    text = (tmp_path / "out" / "table_time.md").read_text()
+    assert "of 1 trainings, each the mean over 2 evaluation pictures" in text
+    assert "ActorsNeRF, fewshot-5 (official list): **no plateau yet**" in text
+    assert "table_time.md" in (tmp_path / "out" / "table_box.md").read_text()
 
 
 def test_what_is_missing_is_made_and_nothing_twice(

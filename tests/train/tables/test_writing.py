@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 @pytest.fixture
 def table(write: "WriteResult", tmp_path: Path) -> Table:
     write((25.0, 0.91, 40.0))
-    write((27.0, 0.93, 30.0), seed=1)
+    write((27.0, 0.93, 30.0), seed=1, category_seconds=2160.0)
     write((24.0, 0.95, None), method="humannerf", pretrained_from=None, step=450)
     return make_table(gather([tmp_path]), "paper")
 
@@ -23,12 +24,12 @@ def table(write: "WriteResult", tmp_path: Path) -> Table:
 def test_markdown(table: Table) -> None:
     lines = markdown(table).splitlines()
     assert lines[0].startswith("Convention `paper`, preset `small`, data set synthetic")
-    assert lines[2] == "| setting | list | method | eve | steps | training, s |"
+    assert lines[2] == "| setting | list | method | eve | steps | training, s | category, s |"
     assert lines[4] == (
         "| fewshot-5 | official | ActorsNeRF | "
-        "26.00 ± 1.41 / 0.9200 ± 0.0141 / 35.0 ± 7.1 | 500 | 100 |"
+        "26.00 ± 1.41 / 0.9200 ± 0.0141 / 35.0 ± 7.1 | 500 | 100 | 2,160 |"
     )
-    assert lines[5] == "| fewshot-5 | official | HumanNeRF | 24.00 / 0.9500 / - | 450 | 100 |"
+    assert lines[5] == "| fewshot-5 | official | HumanNeRF | 24.00 / 0.9500 / - | 450 | 100 | - |"
 
 
 def test_every_number_is_a_line(table: Table) -> None:
@@ -37,7 +38,19 @@ def test_every_number_is_a_line(table: Table) -> None:
     first = lines[0]
     assert (first["method"], first["metric"], float(first["value"])) == ("ActorsNeRF", "PSNR", 26.0)
     assert float(first["spread"]) == pytest.approx(2**0.5)
-    assert first["seeds"] == "2"
+    assert (first["seeds"], first["budget"]) == ("2", "steps")
+
+
+def test_each_budget_is_a_contest_of_its_own(table: Table) -> None:
+    late = tuple(replace(row, budget="time", steps=(90,), seconds=20.0) for row in table.rows)
+    both = replace(table, rows=(*table.rows, *late[1:]))
+    lines = markdown(both).splitlines()
+    assert lines[2].startswith("| setting | list | equal | method | eve | steps |")
+    assert (
+        lines[6] == "| fewshot-5 | official | time | HumanNeRF | 24.00 / 0.9500 / - | 90 | 20 | - |"
+    )
+    assert r"fewshot-5, equal time & HumanNeRF & \textbf{24.00} & \textbf{0.9500}" in latex(both)
+    assert comma_separated(both).splitlines()[-1].endswith(",time")
 
 
 def test_the_smaller_perceptual_error_is_the_better(write: "WriteResult", tmp_path: Path) -> None:
@@ -50,7 +63,8 @@ def test_the_smaller_perceptual_error_is_the_better(write: "WriteResult", tmp_pa
 
 def test_latex_marks_the_best(table: Table) -> None:
     text = latex(table)
-    assert r"fewshot-5 & ActorsNeRF & \textbf{26.00} & 0.9200 & \textbf{35.0} \\" in text
+    ours = r"\textbf{26.00} $\pm$ 1.41 & 0.9200 $\pm$ 0.0141 & \textbf{35.0} $\pm$ 7.1"
+    assert rf"fewshot-5 & ActorsNeRF & {ours} \\" in text
     assert r"fewshot-5 & HumanNeRF & 24.00 & \textbf{0.9500} & -- \\" in text
     assert text.count(r"\begin{tabular}{llrrr}") == 1
 

@@ -12,10 +12,20 @@ from actorsnerf_train.config import PresetName
 from actorsnerf_train.metrics import ConventionName
 from actorsnerf_train.options import Resources
 from actorsnerf_train.result_file import RESULT_NAME
+from actorsnerf_train.tables.curve_plot import write_curve_plot
+from actorsnerf_train.tables.curves import (
+    Line,
+    make_lines,
+    make_time_table,
+    measured,
+    plateau_sentence,
+)
 from actorsnerf_train.tables.entry import Entry, gather, refuse_unequal
 from actorsnerf_train.tables.execute import execute
+from actorsnerf_train.tables.parts import part_gains, write_parts
 from actorsnerf_train.tables.plan import MethodRow, Run, Study, hours_left, make_plan
 from actorsnerf_train.tables.plot import write_plot
+from actorsnerf_train.tables.side_by_side import write_side_by_side
 from actorsnerf_train.tables.table import Table, make_table
 from actorsnerf_train.tables.writing import write_table
 
@@ -76,14 +86,37 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     entries = gather((options.out, *options.results))
     refuse_unequal(entries)
     options.out.mkdir(parents=True, exist_ok=True)
-    told: list[Path] = []
-    for convention in options.conventions:
-        table = make_table(entries, convention)
-        told += write_table(options.out, f"table_{convention}", table, _notes(entries, table))
-        plot = options.out / f"lpips_{convention}.png"
-        if write_plot(plot, table):
-            told.append(plot)
+    told = [path for name in options.conventions for path in _write(options.out, entries, name)]
+    told += _write_curves(options.out, entries)
+    told += write_side_by_side(options.out, entries)
     return tuple(f"table: {path}" for path in told)
+
+
+def _write(out: Path, entries: Sequence[Entry], convention: ConventionName) -> list[Path]:
+    """The files under one convention: tables, plot, and what each part earns."""
+    table = make_table(entries, convention)
+    told = [*write_table(out, f"table_{convention}", table, _notes(entries, table))]
+    plot, parts = out / f"lpips_{convention}.png", out / f"parts_{convention}.md"
+    if write_plot(plot, table):
+        told.append(plot)
+    gains = part_gains(entries, convention)
+    if gains:
+        write_parts(parts, gains, convention)
+        told.append(parts)
+    return told
+
+
+def _write_curves(out: Path, entries: Sequence[Entry]) -> list[Path]:
+    """The files about error against time, of results that have curves."""
+    curves = measured(entries)
+    if not curves:
+        return []
+    table, lines = make_time_table(curves), make_lines(curves)
+    told = [*write_table(out, "table_time", table, _time_notes(curves, lines))]
+    plot = out / "curves.png"
+    if write_curve_plot(plot, lines):
+        told.append(plot)
+    return told
 
 
 def describe_plan(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -130,6 +163,19 @@ def _notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
         notes.append("**Not at equal steps**: see the column.")
     if any(r.pretrained_from for r in results):
         notes.append("Training times leave the category training out, which is made once.")
+    if any(r.curve for r in results):
+        notes.append("At equal training time: table_time.md; error against time: curves.png.")
     machines = sorted({str(r.machine.get("processor", "?")) for r in results})
     notes.append(f"Machines: {', '.join(machines)}.")
     return tuple(notes)
+
+
+def _time_notes(entries: Sequence[Entry], lines: Sequence[Line]) -> tuple[str, ...]:
+    points = entries[0].result.curve or ()
+    return (
+        f"Read off the curves (curves.png) of {len(entries)} trainings, each the mean over "
+        f"{len(points[0].pictures)} evaluation pictures of the actor; nothing was chosen by them. "
+        "`time`: every method after the training time of the setting's quickest, interpolated; "
+        "category training stands beside and is not in it.",
+        *(sentence for line in lines if (sentence := plateau_sentence(line))),
+    )

@@ -1,12 +1,17 @@
 """One table: methods by settings down, actors and their mean across, spread over seeds."""
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from actorsnerf_train.metrics import ConventionName
+from actorsnerf_train.result import MeanRow
 from actorsnerf_train.tables.entry import Entry
 
+Budget = Literal["steps", "time"]
+Measure = Callable[[Entry], MeanRow]
+"""What counts of an evaluation."""
 MEAN = "mean"
 """The column over all actors."""
 
@@ -43,6 +48,10 @@ class Row:
     """Of the trainings; one number where they are equal, as they should be."""
     seconds: float
     """Median training time, category training not included."""
+    category_seconds: float | None
+    """Median of the category trainings that they began from; None: none, or not recorded."""
+    budget: Budget = "steps"
+    """What the rows of its setting have in common."""
 
 
 @dataclass(frozen=True)
@@ -56,12 +65,20 @@ class Table:
     rows: tuple[Row, ...]
 
 
-def make_table(entries: Sequence[Entry], convention: ConventionName) -> Table:
+def make_table(
+    entries: Sequence[Entry], convention: ConventionName, measure: Measure | None = None
+) -> Table:
     """The table of entries that may share one.
+
+    Args:
+        entries: at least one.
+        convention: of the pictures' comparison.
+        measure: what to tabulate; left out: the means over all evaluated pictures.
 
     Raises:
         UserError: an entry lacks the convention.
     """
+    measure = measure or (lambda entry: entry.mean(convention))
     actors = tuple(sorted({entry.result.actor for entry in entries}))
     groups: dict[tuple[str, int, str, str], list[Entry]] = {}
     for entry in entries:
@@ -69,7 +86,7 @@ def make_table(entries: Sequence[Entry], convention: ConventionName) -> Table:
         key = (result.setting or "", result.shots or 0, result.list_name or "", entry.label)
         groups.setdefault(key, []).append(entry)
     order = sorted(groups, key=lambda key: (key[0] == "short-video", key[1], key[2], key[3]))
-    rows = tuple(_row(key, groups[key], actors, convention) for key in order)
+    rows = tuple(_row(key, groups[key], actors, measure) for key in order)
     first = entries[0].result
     return Table(convention, first.dataset, first.preset, actors, rows)
 
@@ -78,14 +95,14 @@ def _row(
     key: tuple[str, int, str, str],
     entries: Sequence[Entry],
     actors: tuple[str, ...],
-    convention: ConventionName,
+    measure: Measure,
 ) -> Row:
     setting, _, list_name, label = key
     by_actor = {
         actor: [entry for entry in entries if entry.result.actor == actor] for actor in actors
     }
     cells = {
-        actor: _cell([[entry] for entry in mine], convention)
+        actor: _cell([[entry] for entry in mine], measure)
         for actor, mine in by_actor.items()
         if mine
     }
@@ -93,7 +110,9 @@ def _row(
     common = sorted(set.intersection(*seeds)) if seeds else []
     if common:
         runs = [[entry for entry in entries if entry.result.seed == seed] for seed in common]
-        cells[MEAN] = _cell(runs, convention)
+        cells[MEAN] = _cell(runs, measure)
+    waits = [entry.result.category_seconds for entry in entries]
+    known = [seconds for seconds in waits if seconds is not None]
     return Row(
         label,
         setting,
@@ -101,12 +120,13 @@ def _row(
         cells,
         tuple(sorted({entry.result.step for entry in entries})),
         statistics.median(entry.result.training_seconds for entry in entries),
+        statistics.median(known) if known else None,
     )
 
 
-def _cell(runs: Sequence[Sequence[Entry]], convention: ConventionName) -> Cell:
+def _cell(runs: Sequence[Sequence[Entry]], measure: Measure) -> Cell:
     """Over runs, each the mean of its entries (one, or one an actor)."""
-    rows = [[entry.mean(convention) for entry in run] for run in runs]
+    rows = [[measure(entry) for entry in run] for run in runs]
     distances = [[row.lpips_x1000 for row in run if row.lpips_x1000 is not None] for run in rows]
     measured = all(len(some) == len(run) for some, run in zip(distances, rows, strict=True))
     return Cell(

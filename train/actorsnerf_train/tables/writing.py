@@ -36,7 +36,10 @@ def write_table(folder: Path, name: str, table: Table, notes: tuple[str, ...]) -
 def markdown(table: Table) -> str:
     """Settings by methods down; PSNR / SSIM / LPIPS x 1000 of each actor across."""
     columns = _columns(table)
-    head = ["setting", "list", "method", *columns, "steps", "training, s"]
+    head = ["setting", "list", "method", *columns, "steps", "training, s", "category, s"]
+    budgets = any(row.budget != "steps" for row in table.rows)
+    if budgets:
+        head.insert(2, "equal")
     published = any(published_mean(table, row) for row in table.rows)
     if published:
         head.append("mean minus the paper's")
@@ -51,6 +54,9 @@ def markdown(table: Table) -> str:
         cells = [_triple(row.cells.get(column)) for column in columns]
         steps = "/".join(f"{step:,}" for step in row.steps)
         words = [row.setting, row.list_name, row.label, *cells, steps, f"{row.seconds:,.0f}"]
+        words.append("-" if row.category_seconds is None else f"{row.category_seconds:,.0f}")
+        if budgets:
+            words.insert(2, row.budget)
         if published:
             words.append(_difference(table, row))
         lines.append(f"| {' | '.join(words)} |")
@@ -58,10 +64,10 @@ def markdown(table: Table) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """One line a number: setting, list, method, actor, metric, value, spread, seeds."""
+    """One line a number: setting, list, method, actor, metric, value, spread, seeds, budget."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    head = "setting list method actor convention metric value spread seeds"
+    head = "setting list method actor convention metric value spread seeds budget"
     writer.writerow(head.split())
     for row in table.rows:
         for actor, cell in row.cells.items():
@@ -70,12 +76,14 @@ def comma_separated(table: Table) -> str:
                     continue
                 spread = "" if number.spread is None else repr(number.spread)
                 where = (row.setting, row.list_name, row.label, actor, table.convention)
-                writer.writerow((*where, metric, repr(number.value), spread, cell.seeds))
+                writer.writerow(
+                    (*where, metric, repr(number.value), spread, cell.seeds, row.budget)
+                )
     return text.getvalue()
 
 
 def latex(table: Table) -> str:
-    """In the paper's form: three columns an actor; the best of each setting is bold."""
+    """In the paper's form: three columns an actor; the best of each setting and budget is bold."""
     columns = _columns(table)
     lines = [
         f"% convention {table.convention}, preset {table.preset}, data set {table.dataset}",
@@ -86,8 +94,8 @@ def latex(table: Table) -> str:
         r"\hline",
     ]
     for row in table.rows:
-        rivals = [r for r in table.rows if (r.setting, r.list_name) == (row.setting, row.list_name)]
-        words = [row.setting, row.label]
+        rivals = [one for one in table.rows if _contest(one) == _contest(row)]
+        words = [row.setting if row.budget == "steps" else f"{row.setting}, equal time", row.label]
         for column in columns:
             words += _bold(row, rivals, column)
         lines.append(" & ".join(words) + r" \\")
@@ -140,5 +148,12 @@ def _bold(row: Row, rivals: list[Row], column: str) -> list[str]:
         values = [other.value for other in others if other is not None]
         best = min(values) if metric == 2 else max(values)
         text = f"{number.value:.{digits}f}"
-        words.append(rf"\textbf{{{text}}}" if number.value == best else text)
+        text = rf"\textbf{{{text}}}" if number.value == best else text
+        spread = "" if number.spread is None else rf" $\pm$ {number.spread:.{digits}f}"
+        words.append(text + spread)
     return words
+
+
+def _contest(row: Row) -> tuple[str, str, str]:
+    """Rows that agree in it are compared."""
+    return row.setting, row.list_name, row.budget
