@@ -7,9 +7,11 @@ from actorsnerf_model.canonical_networks import CanonicalConfig, MotionConfig, R
 from actorsnerf_model.deformation import DeformationConfig
 from actorsnerf_model.encoder import EncoderConfig
 from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_model.neuralbody import NeuralBodyConfig
 from actorsnerf_model.radiance import RadianceConfig
 from actorsnerf_model.skinning_decoder import SkinningDecoderConfig
 from actorsnerf_model.sparse_conv import SparseConfig
+from actorsnerf_model.view_field import ViewFieldConfig
 
 OFFICIAL = ActorsNeRFConfig()
 """The released code's sizes and constants."""
@@ -81,5 +83,44 @@ HUMANNERF_TINY = HumanNeRFConfig(
         density_shift=-5.0,
     ),
     skinning=SkinningDecoderConfig(kind="direct", resolution=16),
+)
+"""For tests."""
+
+NEURALBODY_OFFICIAL = NeuralBodyConfig()
+"""Neural Body's released sizes."""
+
+NEURALBODY_OFFICIAL_SHORT = replace(
+    NEURALBODY_OFFICIAL,
+    field=ViewFieldConfig(density="softplus", density_scale=100.0, density_shift=-2.0),
+)
+"""As `OFFICIAL_SHORT`."""
+
+NEURALBODY_SMALL = NeuralBodyConfig(
+    sparse=SMALL.sparse,
+    field=ViewFieldConfig(
+        width=160,
+        colour_width=80,
+        latent=32,
+        octaves=8,
+        density="softplus",
+        density_scale=100.0,
+        density_shift=-2.0,
+    ),
+)
+"""As many products a point as `SMALL`'s deformation and rendering networks."""
+
+NEURALBODY_TINY = NeuralBodyConfig(
+    code=8,
+    sparse=TINY.sparse,
+    field=ViewFieldConfig(
+        width=64,
+        colour_width=32,
+        latent=8,
+        octaves=4,
+        direction_octaves=2,
+        density="softplus",
+        density_scale=100.0,
+        density_shift=-5.0,
+    ),
 )
 """For tests."""

@@ -62,7 +62,7 @@ def query(
 
     Args:
         levels: the tapped levels.
-        points: canonical frame, metres.
+        points: metres, frame of the levels.
     """
     return torch.cat([_query_level(level, points) for level in levels], dim=1)
 

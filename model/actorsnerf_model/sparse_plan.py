@@ -1,4 +1,4 @@
-"""Which voxel meets which in a sparse convolution: fixed by an actor's rest vertices, made once.
+"""Which voxel meets which in a sparse convolution: fixed by a body's vertices, made once for them.
 
 Level 0 are the voxels that hold a vertex; each further level halves the resolution and keeps every
 voxel that a 3x3x3 kernel of stride 2 reaches from an active one. The centre of voxel v of level l
@@ -59,10 +59,10 @@ class Level:
 
 @dataclass(frozen=True)
 class SparsePlan:
-    """All tables of an actor's sparse convolutions."""
+    """All tables of the sparse convolutions around a body."""
 
     origin: Float[Tensor, "3"]
-    """x, y, z of the centre of voxel 0, metres, canonical frame."""
+    """x, y, z of the centre of voxel 0, metres, frame of the vertices."""
     voxel: float
     """Edge of a voxel of level 0, metres."""
     merge: Merge
@@ -74,11 +74,11 @@ class SparsePlan:
 def plan_sparse(
     vertices: Float[Tensor, "vertices 3"], box: Float[Tensor, "2 3"], voxel: float, levels: int
 ) -> SparsePlan:
-    """The tables for an actor's rest vertices; any number of vertices, on their device.
+    """The tables for an actor's vertices, at rest or posed; any number of them, on their device.
 
     Args:
-        vertices: canonical frame, metres.
-        box: lower and upper corner of the canonical box; voxel 0 is centred on the lower corner.
+        vertices: metres, canonical frame or posed body frame.
+        box: lower and upper corner of a box around them; voxel 0 is centred on the lower corner.
         voxel: metres (released code: 0.005).
         levels: how many resolutions (released code: 4).
 

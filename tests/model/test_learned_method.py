@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -8,13 +9,16 @@ from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.humannerf import HumanNeRF
 from actorsnerf_model.learned_method import LearnedMethod
-from actorsnerf_model.presets import HUMANNERF_TINY, TINY
+from actorsnerf_model.neuralbody import NeuralBody
+from actorsnerf_model.presets import HUMANNERF_TINY, NEURALBODY_TINY, TINY
 
 Views = Callable[..., tuple[View, ...]]
-NAMES = ("actorsnerf", "humannerf")
+NAMES = ("actorsnerf", "humannerf", "neuralbody")
 
 
 def method_named(name: str) -> LearnedMethod[Any, Any, Any]:
+    if name == "neuralbody":
+        return NeuralBody(replace(NEURALBODY_TINY, vertices=150, frames=(0, 1)))
     return ActorsNeRF(TINY) if name == "actorsnerf" else HumanNeRF(HUMANNERF_TINY)
 
 
@@ -39,6 +43,23 @@ def test_a_state_made_in_stages_is_the_state(name: str, support_views: Views) ->
         other = method.field(at_once, pose, located)
     assert torch.equal(one.rgb, other.rgb)
     assert torch.equal(one.density, other.density)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_method_says_what_it_reads_and_where_its_points_lie(
+    name: str, support_views: Views
+) -> None:
+    """Only Neural Body knows sides and frames, and has no space that poses share."""
+    method = method_named(name).eval()
+    posed = name == "neuralbody"
+    assert (method.reads_directions, method.canonical_space) == (posed, not posed)
+    views = support_views(4)
+    with torch.no_grad():
+        actor = method.actor_state(views[:3], 2.0)
+        pose = method.pose_state(actor, views[3].pose, views[3].rest_joints, 1)
+        located = method.locate(actor, pose, views[3].posed_vertices, 0.01)
+    stays = torch.equal(located.canonical, views[3].posed_vertices[located.index])
+    assert stays == posed
 
 
 def test_an_unfinished_method_cannot_be_made() -> None:

@@ -4,8 +4,19 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
 from actorsnerf_model.deformation import Deformation
-from actorsnerf_model.presets import OFFICIAL, SMALL, SMALL_VGG, TINY
+from actorsnerf_model.neuralbody import NeuralBody, NeuralBodyConfig
+from actorsnerf_model.presets import (
+    NEURALBODY_OFFICIAL,
+    NEURALBODY_OFFICIAL_SHORT,
+    NEURALBODY_SMALL,
+    NEURALBODY_TINY,
+    OFFICIAL,
+    SMALL,
+    SMALL_VGG,
+    TINY,
+)
 from actorsnerf_model.radiance import Radiance
+from actorsnerf_model.view_field import ViewField
 
 
 def parameters(method: ActorsNeRF) -> dict[str, int]:
@@ -47,6 +58,46 @@ def test_small_is_light() -> None:
 def test_official_costs_little_more_than_half_of_the_plain_form() -> None:
     # The released form takes 4.543 MFLOP a point, of which pixel layers on the map save most.
     assert megaflops(OFFICIAL) < 0.57 * 4.543
+
+
+def neuralbody_megaflops(config: NeuralBodyConfig) -> float:
+    """Of one point in both networks."""
+    features, count = config.sparse.tapped_channels, 10_000
+    network = ViewField(config.field, features)
+    points, latent = torch.rand(count, 3), torch.rand(config.field.latent)
+    with FlopCounterMode(display=False) as counter, torch.no_grad():
+        hidden = network.hidden(torch.rand(count, features))
+        network.density(hidden, torch.float32)
+        network.rgb(hidden, points, points, latent)
+    return float(counter.get_total_flops()) / count / 1e6
+
+
+def test_neural_body_has_the_released_sizes() -> None:
+    sparse = NEURALBODY_OFFICIAL.sparse
+    assert (sparse.voxel, sparse.tapped_channels) == (0.005, 352)
+    with torch.device("meta"):
+        method = NeuralBody(NEURALBODY_OFFICIAL)
+    convolutions = [p for name, p in method.named_parameters() if name.endswith("weight")]
+    kernels = [tuple(p.shape[1:]) for p in convolutions if p.shape[0] == 27]
+    assert kernels == [
+        *[(16, 16)] * 2,
+        *[(16, 32), (32, 32), (32, 32)],
+        *[(32, 64), (64, 64), (64, 64), (64, 64)],
+        *[(64, 128), (128, 128), (128, 128), (128, 128)],
+        *[(128, 128)] * 4,
+    ]
+    assert method.codes.vertices.shape == (6890, 16)
+    short = NEURALBODY_OFFICIAL_SHORT
+    assert short.sparse == sparse
+    assert (short.field.width, short.field.latent) == (256, 128)
+    assert short.field.density == "softplus"
+
+
+def test_neural_body_is_as_light_as_the_others() -> None:
+    """Three of its matrices are one: the plain form takes 0.79 MFLOP at the released sizes."""
+    assert neuralbody_megaflops(NEURALBODY_OFFICIAL) == pytest.approx(0.53, abs=0.02)
+    assert neuralbody_megaflops(NEURALBODY_SMALL) == pytest.approx(megaflops(SMALL), rel=0.1)
+    assert neuralbody_megaflops(NEURALBODY_TINY) < 0.05
 
 
 @pytest.mark.parametrize("config", [SMALL, SMALL_VGG, TINY])

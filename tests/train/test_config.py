@@ -3,12 +3,16 @@ from dataclasses import replace
 import pytest
 
 from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_model.neuralbody import NeuralBodyConfig
 from actorsnerf_train.config import (
     PresetName,
     Rates,
+    alone,
     fewshot,
     from_scratch,
     humannerf,
+    neuralbody,
+    of_person,
     pretraining,
 )
 from actorsnerf_train.losses import LossWeights
@@ -75,3 +79,31 @@ def test_the_baseline_learns_on_equal_terms(preset: PresetName) -> None:
         assert getattr(baseline, name) == getattr(ours, name)
     assert replace(baseline.render, soft_mask=False) == ours.render
     assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_neural_body_learns_on_equal_terms(preset: PresetName) -> None:
+    """Same pictures, steps, rates, patches, samples and background; its own networks."""
+    baseline, ours = neuralbody(preset), from_scratch(fewshot(preset))
+    assert (baseline.method, baseline.stage) == ("neuralbody", "fewshot")
+    assert isinstance(baseline.model, NeuralBodyConfig)
+    assert baseline.model.field.density == ("relu" if preset == "official" else "softplus")
+    assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
+    for name in ("schedule", "patches", "rates", "seed", "precision", "render"):
+        assert getattr(baseline, name) == getattr(ours, name)
+    assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses
+
+
+def test_each_method_has_its_fitting_alone() -> None:
+    assert alone("actorsnerf", "tiny") == from_scratch(fewshot("tiny"))
+    assert alone("humannerf", "tiny") == humannerf("tiny")
+    assert alone("neuralbody", "tiny") == neuralbody("tiny")
+
+
+def test_only_neural_body_depends_on_who_it_is() -> None:
+    model = of_person(neuralbody("tiny"), 77, (3, 5)).model
+    assert isinstance(model, NeuralBodyConfig)
+    assert (model.vertices, model.frames) == (77, (3, 5))
+    assert model == replace(neuralbody("tiny").model, vertices=77, frames=(3, 5))
+    for config in (humannerf("tiny"), fewshot("tiny")):
+        assert of_person(config, 77, (3, 5)) == config

@@ -9,10 +9,12 @@ import torch
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.humannerf import HumanNeRFState
+from actorsnerf_model.neuralbody import NeuralBody
 from actorsnerf_model.presets import HUMANNERF_TINY
 from actorsnerf_model.render import render
 from actorsnerf_train.batches import camera_of
 from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
+from actorsnerf_train.config import MethodName
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.trained import load_trained
@@ -116,9 +118,39 @@ def test_humannerf_learns_resumes_and_renders_without_its_file(
     assert picture.counts.survivors > 0
 
 
-def test_humannerf_has_no_category(options: FewshotOptions) -> None:
-    with pytest.raises(CheckpointError, match="but humannerf is asked, which learns one person"):
-        run_fewshot(replace(options, method="humannerf"))
+def test_neural_body_learns_resumes_and_renders_without_its_file(
+    options: FewshotOptions, tmp_path: Path
+) -> None:
+    alone = replace(options, category="scratch", method="neuralbody", preset="tiny")
+    whole = load_checkpoint(run_fewshot(alone))
+    assert (whole.info.method, whole.info.step) == ("neuralbody", 6)
+    assert {name.split(".")[0] for name in whole.part("model")} == {"codes", "sparse", "radiance"}
+    (alone.run / "checkpoints" / "latest").write_text("step_000003\n")  # as if killed after step 3
+    for path in (alone.run / "checkpoints").glob("step_000006.*"):
+        path.unlink()
+    again = load_checkpoint(run_fewshot(alone))
+    assert again.info.tensors_sha256 == whole.info.tensors_sha256
+    trained = load_trained(alone.run, torch.device("cpu"))
+    method, setting = trained.method, whole.info.setting
+    assert isinstance(method, NeuralBody)
+    assert setting is not None
+    # The frames that were drawn have moved away from each other, and an unseen one is in between.
+    assert method.config.frames == setting.frames
+    assert method.codes.frames.shape == (5, method.config.field.latent)
+    assert method.codes.frames.abs().amax(1).gt(1e-4).sum() >= 2
+    assert not method.latent(max(setting.frames) + 1).any()
+    view = trained.supports[0]
+    assert method.config.vertices == len(view.rest_vertices)
+    pose = method.pose_state(trained.state, view.pose, view.rest_joints, view.frame)
+    picture = render(method, trained.state, pose, camera_of(view), trained.config.render)
+    assert picture.rgb.isfinite().all()
+    assert picture.counts.survivors > 0
+
+
+@pytest.mark.parametrize("name", ["humannerf", "neuralbody"])
+def test_a_baseline_has_no_category(options: FewshotOptions, name: MethodName) -> None:
+    with pytest.raises(CheckpointError, match=f"but {name} is asked, which learns one person"):
+        run_fewshot(replace(options, method=name))
     assert not options.run.exists()
 
 

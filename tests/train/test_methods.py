@@ -6,9 +6,16 @@ import pytest
 import torch
 
 from actorsnerf_datasets.torch_dataset import Sample
-from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.config import MethodName, TrainConfig, alone
 from actorsnerf_train.loop import Training
-from actorsnerf_train.methods import actorsnerf, build_method, know_actor, step_state, window_at
+from actorsnerf_train.methods import (
+    actorsnerf,
+    build_method,
+    know_actor,
+    step_state,
+    trunk_of,
+    window_at,
+)
 
 CPU = torch.device("cpu")
 
@@ -47,6 +54,16 @@ def test_parts_cover_the_method_and_those_switched_off_are_absent(config: TrainC
 def test_window_opens_as_the_schedule_says(config: TrainConfig) -> None:
     octaves = config.actorsnerf.deformation_net.octaves
     assert window_at(config, 0) == 0
+    assert window_at(config, config.schedule.steps - 1) == octaves
+
+
+@pytest.mark.parametrize("name", ["humannerf", "neuralbody"])
+def test_every_method_is_built_by_its_configuration(name: MethodName) -> None:
+    config = alone(name, "tiny")
+    method = build_method(config, CPU)
+    assert type(method).__name__.lower() == name
+    assert trunk_of(config) is None
+    octaves = 3 if name == "humannerf" else 0
     assert window_at(config, config.schedule.steps - 1) == octaves
 
 

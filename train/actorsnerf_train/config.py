@@ -5,11 +5,16 @@ from typing import Literal
 
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
 from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_model.neuralbody import NeuralBodyConfig
 from actorsnerf_model.presets import (
     HUMANNERF_OFFICIAL,
     HUMANNERF_OFFICIAL_SHORT,
     HUMANNERF_SMALL,
     HUMANNERF_TINY,
+    NEURALBODY_OFFICIAL,
+    NEURALBODY_OFFICIAL_SHORT,
+    NEURALBODY_SMALL,
+    NEURALBODY_TINY,
     OFFICIAL,
     OFFICIAL_SHORT,
     SMALL,
@@ -24,8 +29,8 @@ from actorsnerf_train.schedule import Schedule
 
 PresetName = Literal["official", "official-short", "small", "small-vgg", "tiny"]
 Precision = Literal["float32", "bfloat16", "float16"]
-MethodName = Literal["actorsnerf", "humannerf"]
-MethodConfig = ActorsNeRFConfig | HumanNeRFConfig
+MethodName = Literal["actorsnerf", "humannerf", "neuralbody"]
+MethodConfig = ActorsNeRFConfig | HumanNeRFConfig | NeuralBodyConfig
 FEWSHOT_FIRST_COUNT = 100_000
 """The released code's few-shot fitting begins at this iteration count, the decay included."""
 
@@ -48,6 +53,8 @@ class Rates:
     """All of them times this."""
     refiner: float = 5e-5
     """HumanNeRF's pose refiner (its released code)."""
+    codes: float = 5e-4
+    """Neural Body's codes of vertices and frames (its released code)."""
 
     def of(self, part: str) -> float:
         """The base rate of a part, scaled.
@@ -191,6 +198,53 @@ def humannerf(preset: PresetName) -> TrainConfig:
         render=replace(base.render, soft_mask=True),
         losses=replace(base.losses, skinning=0.0),
     )
+
+
+def neuralbody(preset: PresetName) -> TrainConfig:
+    """The fitting of Neural Body to one actor's pictures; it has no category to begin from.
+
+    As ActorsNeRF from scratch with the same preset, but for the networks and the regulariser, which
+    Neural Body lacks. Its released code minimises the squared error of single pixels alone, with 64
+    samples a ray in a tighter box; here all methods learn from the same patches with the same
+    losses, and their samples lie equally close.
+    """
+    base = from_scratch(fewshot(preset))
+    match preset:
+        case "official":
+            model = NEURALBODY_OFFICIAL
+        case "official-short":
+            model = NEURALBODY_OFFICIAL_SHORT
+        case "small" | "small-vgg":
+            model = NEURALBODY_SMALL
+        case "tiny":
+            model = NEURALBODY_TINY
+    losses = replace(base.losses, skinning=0.0)
+    return replace(base, method="neuralbody", model=model, losses=losses)
+
+
+def alone(method: MethodName, preset: PresetName) -> TrainConfig:
+    """The fitting of one actor by a method that begins from random weights."""
+    match method:
+        case "actorsnerf":
+            return from_scratch(fewshot(preset))
+        case "humannerf":
+            return humannerf(preset)
+        case "neuralbody":
+            return neuralbody(preset)
+
+
+def of_person(config: TrainConfig, vertices: int, frames: tuple[int, ...]) -> TrainConfig:
+    """The configuration for one person, where the model's sizes depend on who it is.
+
+    Args:
+        config: of a method.
+        vertices: of the person's body.
+        frames: numbers of those that are learned from.
+    """
+    model = config.model
+    if isinstance(model, NeuralBodyConfig):
+        model = replace(model, vertices=vertices, frames=frames)
+    return replace(config, model=model)
 
 
 def from_scratch(config: TrainConfig) -> TrainConfig:

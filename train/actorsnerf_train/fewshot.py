@@ -21,9 +21,9 @@ from actorsnerf_train.config import (
     MethodName,
     PresetName,
     TrainConfig,
+    alone,
     fewshot,
-    from_scratch,
-    humannerf,
+    of_person,
 )
 from actorsnerf_train.curve import Gauge, make_gauge
 from actorsnerf_train.data_files import background_of, check_files, describe_file, refuse_leakage
@@ -65,7 +65,7 @@ class FewshotOptions:
     study: str | None = None
     """Named protocol of the file, where it has several."""
     method: MethodName = "actorsnerf"
-    """humannerf: the per-person baseline, with --from scratch only."""
+    """humannerf, neuralbody: the per-person baselines, with --from scratch only."""
     preset: PresetName | None = None
     """official, official-short, small, small-vgg or tiny; the category training's if left out."""
     change: Changes = field(default_factory=Changes)
@@ -96,6 +96,8 @@ def run_fewshot(options: FewshotOptions) -> Path:
             _config(options, category), perceptual=perceptual.name, processes=together.processes
         )
         source = _source(options, config)
+        vertices = source.supports[0].rest_vertices.shape[0]
+        config = of_person(config, vertices, source.shots.frames)
         method = build_method(config, device)
         if category is not None:
             load_model(method, category)
@@ -146,8 +148,7 @@ def setting_of(source: FewshotDataset) -> FewshotSetting:
 def _config(options: FewshotOptions, category: Checkpoint | None) -> TrainConfig:
     if category is None:
         preset = options.preset or "small"
-        alone = options.method == "humannerf"
-        config = humannerf(preset) if alone else from_scratch(fewshot(preset))
+        config = alone(options.method, preset)
         return on_ground(changed(config, options.change), background_of((options.data,)))
     if options.method != category.info.method:
         raise CheckpointError(

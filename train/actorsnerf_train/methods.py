@@ -14,6 +14,7 @@ from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
 from actorsnerf_model.humannerf import HumanNeRF, HumanNeRFConfig
 from actorsnerf_model.learned_method import LearnedMethod
+from actorsnerf_model.neuralbody import NeuralBody, NeuralBodyConfig
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.schedule import open_bands
 
@@ -43,6 +44,8 @@ def build_method(config: TrainConfig, device: torch.device) -> AnyMethod:
             method = ActorsNeRF(config.model, dtype)
         case HumanNeRFConfig():
             method = HumanNeRF(config.model, dtype)
+        case NeuralBodyConfig():
+            method = NeuralBody(config.model, dtype)
     torch.set_rng_state(state)
     return method.to(device)
 
@@ -60,6 +63,8 @@ def octaves_of(config: TrainConfig) -> int:
             return config.model.deformation_net.octaves
         case HumanNeRFConfig():
             return 0 if config.model.motion is None else config.model.motion.octaves
+        case NeuralBodyConfig():
+            return 0
 
 
 def trunk_of(config: TrainConfig) -> str | None:

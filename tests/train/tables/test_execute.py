@@ -30,11 +30,11 @@ def test_an_ablation_from_category_to_result(people: "People", tmp_path: Path) -
     assert result.pretrained_from == load_checkpoint(category.folder).info.tensors_sha256
 
 
-@pytest.mark.parametrize("method", ["humannerf", "scratch"])
+@pytest.mark.parametrize("method", ["humannerf", "neuralbody", "scratch"])
 def test_rows_without_a_category(people: "People", tmp_path: Path, method: str) -> None:
     run = Run(tmp_path / method, method, (people.eve,), "fewshot-5", 0, 2)  # type: ignore[arg-type]
     execute(run, "tiny", None, USE, 1)
     result = read_result(run.folder / "evaluation")
-    assert result.method == ("humannerf" if method == "humannerf" else "actorsnerf")
+    assert result.method == ("actorsnerf" if method == "scratch" else method)
     assert result.pretrained_from is None
-    assert result.encoder == (None if method == "humannerf" else "resnet18")
+    assert result.encoder == ("resnet18" if method == "scratch" else None)

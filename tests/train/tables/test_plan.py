@@ -70,7 +70,7 @@ def test_status_and_time_left(study: Study) -> None:
 
 
 def test_the_baseline_alone_needs_no_category(study: Study, people: "People") -> None:
-    alone = replace(study, files=(people.eve,), methods=("humannerf", "scratch"))
+    alone = replace(study, files=(people.eve,), methods=("humannerf", "neuralbody", "scratch"))
     assert all(run.setting for run in make_plan(alone))
     with pytest.raises(UserError, match="no file of a training actor"):
         make_plan(replace(study, files=(people.eve,)))

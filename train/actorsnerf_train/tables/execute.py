@@ -6,7 +6,7 @@ from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
-from actorsnerf_train.tables.plan import ABLATED, EVALUATION, Run
+from actorsnerf_train.tables.plan import ABLATED, EVALUATION, METHODS, Run
 
 
 def execute(
@@ -38,7 +38,7 @@ def execute(
             category=run.category or "scratch",
             protocol=run.setting,
             list=list_name,
-            method="humannerf" if run.method == "humannerf" else "actorsnerf",
+            method=METHODS.get(run.method, "actorsnerf"),
             preset=preset,
             change=change,
             use=use,

@@ -11,7 +11,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_shots
 from actorsnerf_datasets.types import ListName
-from actorsnerf_train.config import PresetName, fewshot, pretraining
+from actorsnerf_train.config import MethodName, PresetName, fewshot, pretraining
 from actorsnerf_train.data_files import SUFFIX
 from actorsnerf_train.pretrain import Part
 from actorsnerf_train.result_file import RESULT_NAME
@@ -20,6 +20,7 @@ MethodRow = Literal[
     "actorsnerf",
     "scratch",
     "humannerf",
+    "neuralbody",
     "no-deformation",
     "no-pixel-features",
     "no-body-features",
@@ -30,6 +31,9 @@ ABLATED: dict[MethodRow, Part] = {
     "no-pixel-features": "pixel_features",
     "no-body-features": "body_features",
 }
+METHODS: dict[MethodRow, MethodName] = {"humannerf": "humannerf", "neuralbody": "neuralbody"}
+"""Rows of other methods; the rest are ActorsNeRF's."""
+WITHOUT_CATEGORY: tuple[MethodRow, ...] = ("scratch", *METHODS)
 EVALUATION = "evaluation"
 Status = Literal["done", "begun", "missing"]
 
@@ -70,7 +74,7 @@ class Run:
     @property
     def category(self) -> Path | None:
         """Folder of the category training that it begins from."""
-        if self.setting is None or self.method in ("scratch", "humannerf"):
+        if self.setting is None or self.method in WITHOUT_CATEGORY:
             return None
         return category_folder(self.folder.parent, self.method)
 
@@ -100,7 +104,7 @@ def make_plan(study: Study) -> tuple[Run, ...]:
     steps = study.steps or fewshot(study.preset).schedule.steps
     runs = []
     for method in study.methods:
-        if method in ("scratch", "humannerf"):
+        if method in WITHOUT_CATEGORY:
             continue
         if not training:
             raise UserError(
