@@ -5,8 +5,6 @@ At the root: `annotations/` (cameras, motions, splits, ignore_list.txt), `videos
 `synthetic.json`, `held_out.txt`, and `truth/` with the exact masks, which AIST++ does not have.
 """
 
-import json
-import pickle
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,16 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from actorsnerf_datasets.conventions import aist_from_metres
 from actorsnerf_datasets.types import Float32, Float64, Role, UInt8
 from actorsnerf_preprocess.actors import draw_meshes, skin_in_world
 from actorsnerf_preprocess.aist_names import CAMERA_NAMES, video_name
+from actorsnerf_preprocess.aist_tree_writer import (
+    FRAMES_PER_SECOND,
+    AistMotion,
+    AistTreeWriter,
+    write_motion,
+)
 from actorsnerf_preprocess.backdrops import hall
 from actorsnerf_preprocess.imperfections import noisy
 from actorsnerf_preprocess.motions import Motion
 from actorsnerf_preprocess.renderer import Mesh, MeshRenderer, Pinhole
 from actorsnerf_preprocess.shots import Lens, Rig, rig_of, take
-from actorsnerf_preprocess.source import SourceError
+from actorsnerf_preprocess.source import SourceCamera, SourceError
 from actorsnerf_preprocess.stage import (
     LIGHTING,
     TRUTH,
@@ -48,7 +51,6 @@ FOCAL = 1600 / 1080
 """Focal length over picture height; the real calibration starts from 1600 pixels."""
 RADIAL = (-0.06, -0.045)
 """k1 of alternating lenses; the real calibration has no other coefficient."""
-FRAMES_PER_SECOND = 60.0
 STRIDE = 4
 """Every fourth frame is prepared, so dancers turn four times more slowly per frame."""
 SCALINGS = (88.0, 104.0)
@@ -58,7 +60,9 @@ NOISE = 2.5
 """Standard deviation of each picture's own noise, grey values."""
 SHADOW = 0.45
 """How much light the middle of a shadow takes away."""
-IGNORED = "gBR_sBM_cAll_d99_mBR0_ch01"
+CENTIMETRES = 100.0
+"""Units of the world per metre of the hall."""
+IGNORED = ("gBR_sBM_cAll_d99_mBR0_ch01", "gBR_sBM_cAll_d98_mBR0_ch01")
 
 
 @dataclass(frozen=True)
@@ -81,11 +85,16 @@ def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = Fals
         progress: show a bar.
 
     Raises:
-        SourceError: the folder holds something else, or a video cannot be written.
+        SourceError: the folder holds something else, there are too many cameras, or a video cannot
+            be written.
         RendererError: headless GL does not work.
     """
+    if options.cameras > len(CAMERA_NAMES):
+        most = len(CAMERA_NAMES)
+        raise SourceError(f"--cameras {options.cameras}: an AIST++ tree has {most} at most.")
     if not claim(root, "AIST++", options):
         return
+    writer = AistTreeWriter(root)
     names = [_sequence(position, role) for position, (_, role) in enumerate(cast(options))]
     rigs = hall_rigs(options)
     recording = Recording(FRAMES_PER_SECOND, STRIDE, shaped=False)
@@ -94,11 +103,13 @@ def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = Fals
             options, renderer, recording, lambda position: is_finished(root, names[position])
         ):
             dancer = _named(performance, names[performance.position], options)
-            _write_motion(root, dancer, options)
-            _write_videos(root, dancer, renderer, rigs[: options.cameras], progress)
+            _write_motion(writer, dancer, options)
+            _write_videos(writer, dancer, renderer, rigs[: options.cameras], progress)
             keep_facts(root, dancer.sequence, _facts(dancer))
-    _write_cameras(root, names, rigs)
-    _write_lists(root, names[: options.actors], names[options.actors :])
+    writer.write_cameras(SETTING, _cameras(rigs), CENTIMETRES)
+    writer.write_mapping(SETTING, names)
+    writer.write_splits(names[: options.actors], names[options.actors :])
+    writer.write_ignore_list(IGNORED)
     sign_finished(root, names[options.actors :])
 
 
@@ -133,43 +144,33 @@ def _named(performance: Performance, sequence: str, options: SyntheticOptions) -
     return _Dancer(performance, sequence, float(rng.uniform(*SCALINGS)))
 
 
-def _write_motion(root: Path, dancer: _Dancer, options: SyntheticOptions) -> None:
+def _write_motion(writer: AistTreeWriter, dancer: _Dancer, options: SyntheticOptions) -> None:
     motion = dancer.performance.motion
     found = motion
     if options.fit_noise:
         found = noisy(motion, np.random.default_rng([options.seed, *dancer.sequence.encode(), 6]))
-        (root / TRUTH / "motions").mkdir(parents=True, exist_ok=True)
-        _dump(root / TRUTH / "motions" / f"{dancer.sequence}.pkl", _aist_motion(motion, dancer))
-    folder = root / "annotations" / "motions"
-    folder.mkdir(parents=True, exist_ok=True)
-    _dump(folder / f"{dancer.sequence}.pkl", _aist_motion(found, dancer))
+        truth = writer.root / TRUTH / "motions" / f"{dancer.sequence}.pkl"
+        write_motion(truth, _aist_motion(motion, dancer))
+    writer.write_motion(dancer.sequence, _aist_motion(found, dancer))
 
 
-def _aist_motion(motion: Motion, dancer: _Dancer) -> dict[str, object]:
+def _aist_motion(motion: Motion, dancer: _Dancer) -> AistMotion:
     poses = motion.poses.copy()
     poses[:, 0] = motion.global_orient
-    return {
-        "smpl_poses": poses.reshape(-1, 72),
-        "smpl_scaling": np.array([dancer.scaling]),
-        "smpl_trans": aist_from_metres(motion.transl, dancer.scaling),
-        "smpl_loss": 0.0,
-    }
-
-
-def _dump(path: Path, content: dict[str, object]) -> None:
-    with path.open("wb") as file:
-        pickle.dump(content, file, protocol=4)
+    return AistMotion(poses, motion.transl, dancer.scaling)
 
 
 def _write_videos(
-    root: Path, dancer: _Dancer, renderer: MeshRenderer, rigs: Sequence[Rig], progress: bool
+    writer: AistTreeWriter,
+    dancer: _Dancer,
+    renderer: MeshRenderer,
+    rigs: Sequence[Rig],
+    progress: bool,
 ) -> None:
     """All views of one dancer, frame by frame; on the hall's metres the body is scaled."""
     names = [video_name(dancer.sequence, camera) for camera in CAMERA_NAMES[: len(rigs)]]
-    folder = root / "videos"
-    folder.mkdir(exist_ok=True)
-    videos = [_open_video(folder / f"{name}.mp4", rigs[0].lens.pinhole.size) for name in names]
-    masks = [root / TRUTH / "masks" / name for name in names]
+    videos = [writer.open_video(name, rigs[0].lens.pinhole.size) for name in names]
+    masks = [writer.root / TRUTH / "masks" / name for name in names]
     for place in masks:
         place.mkdir(parents=True, exist_ok=True)
     performance = dancer.performance
@@ -192,14 +193,6 @@ def _write_videos(
             cv2.imwrite(str(place / f"{frame:06d}.png"), person)
     for video in videos:
         video.release()
-
-
-def _open_video(path: Path, size: tuple[int, int]) -> cv2.VideoWriter:
-    codec = cv2.VideoWriter.fourcc(*"mp4v")
-    video = cv2.VideoWriter(str(path), codec, FRAMES_PER_SECOND, size)
-    if not video.isOpened():
-        raise SourceError(f"{path}: cannot be written as a video; is the disk full?")
-    return video
 
 
 def _scaled(mesh: Mesh, size: float) -> Mesh:
@@ -230,34 +223,19 @@ def _noisy(rgb: UInt8, rng: np.random.Generator) -> UInt8:
     return noisy_picture.astype(np.uint8)
 
 
-def _write_cameras(root: Path, sequences: Sequence[str], rigs: Sequence[Rig]) -> None:
-    folder = root / "annotations" / "cameras"
-    folder.mkdir(parents=True, exist_ok=True)
-    entries = [
-        {
-            "name": name,
-            "size": list(rig.lens.pinhole.size),
-            "matrix": rig.lens.pinhole.K.tolist(),
-            "distortions": rig.lens.distortion.tolist(),
-            "rotation": cv2.Rodrigues(rig.lens.pinhole.R)[0].ravel().tolist(),
-            "translation": (100 * rig.lens.pinhole.T).tolist(),
-        }
-        for name, rig in zip(CAMERA_NAMES, rigs, strict=True)
-    ]
-    (folder / f"{SETTING}.json").write_text(json.dumps(entries))
-    lines = [f"{sequence} {SETTING}\n" for sequence in sequences]
-    (folder / "mapping.txt").write_text("".join(lines))
-
-
-def _write_lists(root: Path, training: Sequence[str], held_out: Sequence[str]) -> None:
-    """Splits without a final newline, and an ignore list with a trailing blank, as in the real."""
-    folder = root / "annotations" / "splits"
-    folder.mkdir(exist_ok=True)
-    for split, names in (("train", training), ("val", held_out), ("test", held_out)):
-        for kind in ("pose", "crossmodal"):
-            (folder / f"{kind}_{split}.txt").write_text("\n".join(names))
-    ignored = f"{IGNORED} \n{IGNORED.replace('d99', 'd98')}\n\n"
-    (root / "annotations" / "ignore_list.txt").write_text(ignored)
+def _cameras(rigs: Sequence[Rig]) -> tuple[SourceCamera, ...]:
+    return tuple(
+        SourceCamera(
+            name=name,
+            source_index=index,
+            K=rig.lens.pinhole.K,
+            distortion=rig.lens.distortion,
+            R=rig.lens.pinhole.R,
+            T=rig.lens.pinhole.T,
+            size=rig.lens.pinhole.size,
+        )
+        for index, (name, rig) in enumerate(zip(CAMERA_NAMES, rigs, strict=True))
+    )
 
 
 def _facts(dancer: _Dancer) -> dict[str, object]:

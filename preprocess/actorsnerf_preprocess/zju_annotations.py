@@ -10,8 +10,9 @@ from actorsnerf_datasets.pickles import load_npy
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.source import Finding, SourceError
 
-MILLIMETRE_DISTANCE = 100.0
-"""A median camera distance from the world's origin above this can only be millimetres."""
+MILLIMETRE_DISTANCE = 1000.0
+"""A median camera distance from the world's origin above this can only be millimetres: cameras that
+see a whole person stand a metre away or more. Released archives have 3000 to 3900."""
 METRE_DISTANCE = 20.0
 """One below this can only be metres."""
 ROTATION_TOLERANCE = 1e-4

@@ -1,4 +1,4 @@
-"""What the preparation's tests share: raw ZJU-MoCap trees, by hand from a tiny body and drawn."""
+"""What the preparation's tests share: raw trees of a tiny body, to be read and to be damaged."""
 
 import json
 import os
@@ -15,16 +15,21 @@ import pytest
 from actorsnerf_datasets.body_model import BodyModel, load_body_model, pose
 from actorsnerf_datasets.pickles import load_npy
 from actorsnerf_datasets.rotations import matrix_from_axis_angle
-from actorsnerf_datasets.types import Float64
+from actorsnerf_datasets.types import Float64, UInt8
+from actorsnerf_preprocess.aist_tree_writer import AistMotion, AistTreeWriter
 from actorsnerf_preprocess.free_body import write_tiny_body
-from actorsnerf_preprocess.synthetic import SyntheticOptions, write_zju_tree
+from actorsnerf_preprocess.renderer import Pinhole
+from actorsnerf_preprocess.source import SourceCamera
+from actorsnerf_preprocess.stage import ring
+from actorsnerf_preprocess.synthetic_zju import ZJU_FROM_STAGE
+from actorsnerf_preprocess.zju_fits import RawFit
+from actorsnerf_preprocess.zju_layouts import LAYOUTS
 from actorsnerf_preprocess.zju_tree import Variant
+from actorsnerf_preprocess.zju_tree_writer import AnnotatedTreeWriter
 
 UPRIGHT = np.array([-np.pi / 2, 0.0, 0.0])
 """Turns SMPL's y up into ZJU-MoCap's z down."""
 DISTORTION = np.array([-0.25, 0.1, 0.001, -0.0005, -0.02])
-OLD_AND_NEW = ("new_params", "new_vertices", "params", "vertices")
-FIT_FOLDERS = {"refined": ("smpl_params", "smpl_vertices"), "easymocap": ("params", "vertices")}
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,6 @@ class HandTree:
     """A small tree and the truth that it was made from."""
 
     root: Path
-    variant: Variant
     names: tuple[str, ...]
     size: int
     model: BodyModel
@@ -54,17 +58,6 @@ def tiny_body(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_tiny_body(tmp_path_factory.mktemp("body") / "tiny_neutral.npz")
 
 
-@pytest.fixture(scope="session")
-def synthetic_zju(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A raw ZJU-MoCap tree of two synthetic actors, drawn: 3 cameras, 12 frames, 128 pixels."""
-    root = tmp_path_factory.mktemp("synthetic") / "zju"
-    options = SyntheticOptions(
-        actors=1, held_out=1, frames=12, cameras=3, size=128, texture=256, full=False
-    )
-    write_zju_tree(root, options)
-    return root
-
-
 @pytest.fixture
 def write_zju(tiny_body: Path) -> WriteTree:
     """Writes a tree into a folder; by default 3 cameras, frames 0 to 3, 160 x 160 pixels."""
@@ -77,127 +70,70 @@ def write_zju(tiny_body: Path) -> WriteTree:
         size: int = 160,
     ) -> HandTree:
         rng = np.random.default_rng(3)
-        names = tuple(_camera_name(variant, index) for index in range(cameras))
-        K, R, T = (
-            np.stack(part)
-            for part in zip(*(_camera(i, cameras, size, rng) for i in range(cameras)), strict=True)
-        )
+        layout = LAYOUTS[variant]
+        # One set of masks, so that a damaged one is missed.
+        writer = AnnotatedTreeWriter(root, replace(layout, masks=layout.masks[:1]), cameras)
         model = load_body_model(tiny_body)
-        tree = HandTree(root, variant, names, size, model, tuple(frames), K, R, T, np.zeros(0))
-        vertices, ims = [], []
-        for number in frames:
-            world = _write_fit(tree, number, rng)
-            vertices.append(world)
-            ims.append(
-                {"ims": [_write_picture(tree, c, number, world, rng) for c in range(cameras)]}
-            )
-        lens = DISTORTION[:, None]
-        cams = {
-            "K": [k.tolist() for k in K] if "21" in variant else list(K),
-            "D": [lens.tolist() if "21" in variant else lens for _ in names],
-            "R": [r.tolist() for r in R] if "21" in variant else list(R),
-            "T": [
-                (1000 * t[:, None]).tolist() if "21" in variant else 1000 * t[:, None] for t in T
-            ],
-        }
-        _save(root / "annots.npy", {"cams": cams, "ims": ims})
-        return replace(tree, world_vertices=np.stack(vertices))
+        seen = _cameras(writer.cameras, ring(cameras, 3.0, 1.8, 1.05 * size, (size, size)))
+        fits = {number: _fit(rng) for number in frames}
+        writer.write_cameras(seen, frames)
+        writer.write_fits(fits, model)
+        vertices = []
+        for number, fit in fits.items():
+            turn = matrix_from_axis_angle(fit.Rh)
+            vertices.append(pose(model, fit.betas, fit.pose).vertices @ turn.T + fit.Th)
+            for index, camera in enumerate(seen):
+                picture, labels = _picture(camera, vertices[-1], rng)
+                writer.write_picture(index, number, picture, labels)
+        return HandTree(
+            root=root,
+            names=writer.cameras,
+            size=size,
+            model=model,
+            frames=tuple(frames),
+            K=np.stack([camera.K for camera in seen]),
+            R=np.stack([camera.R for camera in seen]),
+            T=np.stack([camera.T for camera in seen]),
+            world_vertices=np.stack(vertices),
+        )
 
     return write
 
 
-def _save(path: Path, content: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.save(path, np.asarray(content), allow_pickle=True)
+def _cameras(names: tuple[str, ...], around: tuple[Pinhole, ...]) -> tuple[SourceCamera, ...]:
+    """Cameras of the y-up stage in ZJU-MoCap's world."""
+    turn = ZJU_FROM_STAGE.T
+    return tuple(
+        SourceCamera(name, index, each.K, DISTORTION, each.R @ turn, each.T, each.size)
+        for index, (name, each) in enumerate(zip(names, around, strict=True))
+    )
 
 
-def _camera_name(variant: Variant, index: int) -> str:
-    match variant:
-        case "classic-23":
-            return f"Camera_B{index + 1}"
-        case "classic-21" | "renamed-21":
-            return f"Camera ({index + 1})"
-        case _:
-            return f"{index:02d}"
-
-
-def _listed_name(variant: Variant, camera: str, number: int) -> str:
-    match variant:
-        case "classic-23":
-            return f"{camera}/{number:06d}.jpg"
-        case "classic-21" | "renamed-21":
-            stamp = f"2019-08-23_16-08-{number % 60:02d}.59{camera[-2]}"
-            return f"{camera}/CoreView_313_{camera.replace(' ', '_')}_{number:04d}_{stamp}.jpg"
-        case "refined":
-            return f"images/{camera}/{number:06d}.jpg"
-        case _:
-            return f"images/{camera}/{number:05d}.jpg"
-
-
-def _camera(
-    index: int, count: int, size: int, rng: np.random.Generator
-) -> tuple[Float64, Float64, Float64]:
-    turn = 2 * np.pi * index / count
-    centre = np.array([3.0 * np.sin(turn), -3.0 * np.cos(turn), -1.8])
-    forward = np.array([0.0, 0.0, -0.9]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(np.array([0.0, 0.0, 1.0]), forward)
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    focal = 1.05 * size + rng.uniform(-2, 2)
-    middle = size / 2 + rng.uniform(-3, 3, 2)
-    K = np.array([[focal, 0, middle[0]], [0, focal * 1.003, middle[1]], [0, 0, 1.0]])
-    return K, R, -R @ centre
-
-
-def _write_fit(tree: HandTree, number: int, rng: np.random.Generator) -> Float64:
-    """Writes the fits of a frame; returns its vertices in the world."""
+def _fit(rng: np.random.Generator) -> RawFit:
     poses = rng.normal(0, 0.15, (24, 3))
     poses[0] = 0
-    betas = rng.normal(0, 0.3, 10)
     turn = matrix_from_axis_angle(np.array([0, 0, rng.uniform(-1, 1)]))
-    rotation = turn @ matrix_from_axis_angle(UPRIGHT)
-    Rh = cv2.Rodrigues(rotation)[0].ravel()
+    Rh = cv2.Rodrigues(turn @ matrix_from_axis_angle(UPRIGHT))[0].ravel()
     Th = np.array([0.0, 0.0, -0.95]) + rng.normal(0, 0.05, 3)
-    world, old = (
-        pose(tree.model, betas, poses, blend).vertices @ rotation.T + Th for blend in (True, False)
-    )
-    listed = poses.ravel()[3:] if tree.variant == "easymocap" else poses.ravel()
-    fit = {"poses": listed[None], "Rh": Rh[None], "Th": Th[None], "shapes": betas[None]}
-    folders = FIT_FOLDERS.get(tree.variant, OLD_AND_NEW)
-    contents = (fit, world.astype(np.float32), fit, old.astype(np.float32))
-    for folder, content in zip(folders, contents, strict=False):
-        _save(tree.root / folder / f"{number}.npy", content)
-    return world
+    return RawFit(poses, Rh, Th, rng.normal(0, 0.3, 10), padded=False)
 
 
-def _write_picture(
-    tree: HandTree, camera: int, number: int, world: Float64, rng: np.random.Generator
-) -> str:
-    """Writes a picture and its mask (labels 7); returns the name that annots.npy lists."""
-    listed = _listed_name(tree.variant, tree.names[camera], number)
-    name = listed
-    if tree.variant == "renamed-21":
-        name = f"{tree.names[camera]}/{number:04d}.jpg"
-    pixels, _ = cv2.projectPoints(
-        world, cv2.Rodrigues(tree.R[camera])[0], tree.T[camera], tree.K[camera], DISTORTION
-    )
-    shape = (tree.size, tree.size, 3)
+def _picture(camera: SourceCamera, world: Float64, rng: np.random.Generator) -> tuple[UInt8, UInt8]:
+    """Boxes before a cloud, and their labels 7."""
+    shape = (*camera.size[::-1], 3)
     image = cv2.GaussianBlur(rng.integers(0, 256, shape).astype(np.uint8), (0, 0), 2)
-    mask = np.zeros(shape[:2], np.uint8)
-    for box in pixels.reshape(24, 8, 2):
-        hull = cv2.convexHull(np.round(box).astype(np.int32))
-        cv2.fillConvexPoly(mask, hull, 7)
+    labels = np.zeros(shape[:2], np.uint8)
+    for hull in _hulls(camera, world):
+        cv2.fillConvexPoly(labels, hull, 7)
         cv2.fillConvexPoly(image, hull, rng.integers(0, 256, 3).tolist())
-    inner = name.removeprefix("images/") if tree.variant == "refined" else name
-    folder = "mask" if tree.variant == "refined" else "mask_cihp"
-    for path, content in (
-        (tree.root / name, image),
-        ((tree.root / folder / inner).with_suffix(".png"), mask),
-    ):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), content)
-    return listed
+    return image.astype(np.uint8), labels
+
+
+def _hulls(camera: SourceCamera, world: Float64) -> list[Any]:
+    """The outlines of the body's boxes, pixels."""
+    rotation = cv2.Rodrigues(camera.R)[0]
+    pixels, _ = cv2.projectPoints(world, rotation, camera.T, camera.K, camera.distortion)
+    return [cv2.convexHull(np.round(box).astype(np.int32)) for box in pixels.reshape(24, 8, 2)]
 
 
 class Hostile:
@@ -318,7 +254,7 @@ def scene(tmp_path: Path, write_zju: WriteTree, tiny_body: Path) -> Scene:
 
 AIST_NAME = "gBR_sFM_cAll_d31_mBR0_ch01"
 AIST_SCALING = 93.0
-AIST_DISTORTION = [-0.06, 0.0, 0.0, 0.0, 0.0]
+AIST_DISTORTION = np.array([-0.06, 0.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -359,108 +295,54 @@ def write_aist(tiny_body: Path) -> WriteAist:
         poses[:, 0, 0] += 1.2
         turn = np.linspace(0, 2 * np.pi, frames, endpoint=False)
         moved = np.stack([0.9 * np.sin(turn), 1.1 + 0 * turn, 0.9 * np.cos(turn)], axis=1)
-        posed = [
-            pose(load_body_model(body), np.zeros(10), np.vstack([np.zeros((1, 3)), each[1:]]))
-            for each in poses
+        model = load_body_model(body)
+        posed = [pose(model, np.zeros(10), each) for each in poses]  # the root about the pelvis
+        seen = [
+            SourceCamera(f"c{i + 1:02d}", i, each.K, AIST_DISTORTION, each.R, each.T, size)
+            for i, each in enumerate(ring(cameras, 4.5, 1.4, 1.5 * size[1], size))
         ]
-        turned = matrix_from_axis_angle(poses[:, 0])
-        vertices, joints = (
-            np.stack(
-                [
-                    (points - one.rest_joints[0]) @ R.T + one.rest_joints[0] + shift
-                    for points, one, R, shift in zip(clouds, posed, turned, moved, strict=True)
-                ]
-            )
-            for clouds in ([one.vertices for one in posed], [one.joints for one in posed])
-        )
-        entries = [_aist_camera(index, cameras, size) for index in range(cameras)]
-        names = tuple(str(entry["name"]) for entry in entries)
-        centres = np.stack([entry.pop("centre") for entry in entries])
         tree = HandAist(
-            home / "aist",
-            AIST_NAME,
-            body,
-            names,
-            size,
-            AIST_SCALING,
-            centres,
-            vertices,
-            joints,
+            root=home / "aist",
+            name=AIST_NAME,
+            body=body,
+            names=tuple(camera.name for camera in seen),
+            size=size,
+            scaling=AIST_SCALING,
+            centres=np.stack([-camera.R.T @ camera.T for camera in seen]),
+            world_vertices=np.stack([one.vertices for one in posed]) + moved[:, None],
+            world_joints=np.stack([one.joints for one in posed]) + moved[:, None],
             masks=home / "masks",
         )
-        _write_aist_annotations(tree, poses, moved, entries)
-        for entry in entries:
-            _write_aist_video(tree, entry, rng)
+        writer = AistTreeWriter(tree.root)
+        writer.write_motion(AIST_NAME, AistMotion(poses, moved, AIST_SCALING))
+        writer.write_mapping("setting7_1", [AIST_NAME])
+        writer.write_cameras("setting7_1", seen, AIST_SCALING)
+        writer.write_ignore_list(["gHO_sFM_cAll_d20_mHO5_ch13"])
+        for camera in seen:
+            _write_aist_video(writer, tree, camera, rng)
         return tree
 
     return write
 
 
-def _aist_camera(index: int, count: int, size: tuple[int, int]) -> dict[str, Any]:
-    turn = 2 * np.pi * index / count
-    centre = np.array([4.5 * np.sin(turn), 1.4, 4.5 * np.cos(turn)])
-    forward = np.array([0.0, 0.9, 0.0]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    R = np.stack([right, np.cross(forward, right), forward])
-    focal = 1.5 * size[1]
-    return {
-        "name": f"c{index + 1:02d}",
-        "size": list(size),
-        "matrix": [[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]],
-        "rotation": cv2.Rodrigues(R)[0].ravel().tolist(),
-        "translation": (-R @ centre * AIST_SCALING).tolist(),
-        "distortions": AIST_DISTORTION,
-        "centre": centre,
-    }
-
-
-def _write_aist_annotations(
-    tree: HandAist, poses: Float64, moved: Float64, entries: list[dict[str, Any]]
+def _write_aist_video(
+    writer: AistTreeWriter, tree: HandAist, camera: SourceCamera, rng: np.random.Generator
 ) -> None:
-    annotations = tree.root / "annotations"
-    for folder in ("cameras", "motions"):
-        (annotations / folder).mkdir(parents=True)
-    motion = {
-        "smpl_poses": poses.reshape(len(poses), 72),
-        "smpl_scaling": np.array([tree.scaling]),
-        "smpl_trans": tree.scaling * moved,
-        "smpl_loss": 1.0,
-    }
-    (annotations / "motions" / f"{tree.name}.pkl").write_bytes(pickle.dumps(motion))
-    (annotations / "cameras" / "mapping.txt").write_text(f"{tree.name} setting7_1\n")
-    (annotations / "cameras" / "setting7_1.json").write_text(json.dumps(entries))
-    (annotations / "ignore_list.txt").write_text("gHO_sFM_cAll_d20_mHO5_ch13 \n\n")
-
-
-def _write_aist_video(tree: HandAist, entry: dict[str, Any], rng: np.random.Generator) -> None:
-    name = tree.name.replace("cAll", entry["name"])
-    for folder in (tree.root / "videos", tree.masks / name):
-        folder.mkdir(parents=True, exist_ok=True)
+    name = tree.name.replace("cAll", camera.name)
+    (tree.masks / name).mkdir(parents=True)
     width, height = tree.size
     stage = rng.integers(60, 160, (height // 4 + 1, width // 4 + 1, 3)).astype(np.uint8)
     stage = np.repeat(np.repeat(stage, 4, axis=0), 4, axis=1)[:height, :width]
     stage = cv2.GaussianBlur(stage, (0, 0), 2).astype(np.uint8)
-    writer = cv2.VideoWriter(
-        str(tree.root / "videos" / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60.0, tree.size
-    )
+    video = writer.open_video(name, tree.size)
     for frame, world in enumerate(tree.world_vertices):
-        pixels, _ = cv2.projectPoints(
-            world,
-            np.array(entry["rotation"]),
-            np.array(entry["translation"]) / tree.scaling,
-            np.array(entry["matrix"]),
-            np.array(entry["distortions"]),
-        )
         picture, mask = stage.copy(), np.zeros((height, width), np.uint8)
-        for box in pixels.reshape(24, 8, 2):
-            hull = cv2.convexHull(np.round(box).astype(np.int32))
+        for hull in _hulls(camera, world):
             cv2.fillConvexPoly(picture, hull, (40, 60, 220))
             cv2.fillConvexPoly(mask, hull, 255)
-        writer.write(picture)
+        video.write(picture)
         cv2.imwrite(str(tree.masks / name / f"{frame:06d}.png"), mask)
-    writer.release()
+    video.release()
 
 
 @pytest.fixture
@@ -519,11 +401,10 @@ class Stage(Site):
     def write_video(self, camera: str, pictures: list[Any]) -> None:
         """Puts a video of the given pictures in place of a camera's."""
         height, width = pictures[0].shape[:2]
-        code = cv2.VideoWriter.fourcc(*"mp4v")
-        writer = cv2.VideoWriter(str(self.video(camera)), code, 60.0, (width, height))
+        video = AistTreeWriter(self.source).open_video(self.video(camera).stem, (width, height))
         for picture in pictures:
-            writer.write(picture)
-        writer.release()
+            video.write(picture)
+        video.release()
 
 
 @pytest.fixture

@@ -195,7 +195,7 @@ FAULTS = (
     ),
     Fault(
         "camera translations in centimetres",
-        "12 x mask elsewhere .*in their units and order",
+        "neither millimetres .* nor metres .*: are they centimetres",
         lambda scene: scene.edit_camera("T", lambda T, _: T / 10),
     ),
     Fault(

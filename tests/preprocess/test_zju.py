@@ -69,7 +69,7 @@ def test_every_variant_is_prepared(
         assert file.valid.all()
         assert file.header.provenance.dataset == "zju-mocap"
         assert "Camera translations are millimetres" in " ".join(file.header.provenance.notes)
-        assert np.allclose(file.header.world_up, [0, 0, -1], atol=1e-6)
+        assert file.header.world_up @ [0, 0, -1] > 0.9995  # cameras of unequal heights
 
 
 def test_only_the_pairs_of_the_protocol_are_wanted(
