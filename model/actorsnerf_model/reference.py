@@ -76,7 +76,7 @@ def reference_render_pixels(
         distance = distance + weight * depths[:, sample]
     colour = colour + light[:, None] * colour.new_tensor(options.background)
     hits = int(span.hit.sum())
-    return Rendering(colour, alpha, distance, Counts(hits, hits * samples, count * samples))
+    return Rendering(colour, alpha, distance, Counts(hits, hits * samples, *[count * samples] * 2))
 
 
 def _everything(

@@ -79,6 +79,8 @@ class _Survivors:
     place: Int[Tensor, "survivors"]
     rgb: Float[Tensor, "survivors 3"]
     thickness: Float[Tensor, "survivors"]
+    painted: int
+    """How many colours were computed."""
 
 
 def render(
@@ -118,12 +120,7 @@ def render(
         empty.new_tensor([*[-math.inf] * 3, INSIDE, -math.inf]),
     )
     picture = by_need(draw, where, empty, stride, alike)
-    total = Counts(
-        sum(count.rays for count in counts),
-        sum(count.samples for count in counts),
-        sum(count.survivors for count in counts),
-    )
-    return Rendering(picture[..., :3], picture[..., 3], picture[..., 4], total)
+    return Rendering(picture[..., :3], picture[..., 3], picture[..., 4], Counts.total(counts))
 
 
 def render_pixels(
@@ -153,7 +150,7 @@ def render_pixels(
     alpha = torch.zeros_like(rgb[:, 0])
     depth = torch.zeros_like(alpha)
     scene = _Scene(method, actor, pose, options)
-    survivors = 0
+    survivors = painted = 0
     for part in torch.split(hit, RAYS_AT_ONCE):
         some = Rays(rays.origin, rays.directions[part])
         strata = None if jitter is None else jitter[part]
@@ -162,11 +159,12 @@ def render_pixels(
         samples = _Samples(some, depths, spacing)
         found = _survivors(scene, samples)
         survivors += found.place.shape[0]
+        painted += found.painted
         row, seen = _composited(samples, found, background)
         rgb = rgb.index_copy(0, part[row], seen.rgb)
         alpha = alpha.index_copy(0, part[row], seen.alpha)
         depth = depth.index_copy(0, part[row], seen.depth)
-    counts = Counts(hit.shape[0], hit.shape[0] * options.samples, survivors)
+    counts = Counts(hit.shape[0], hit.shape[0] * options.samples, survivors, painted)
     return Rendering(rgb, alpha, depth, counts)
 
 
@@ -224,17 +222,18 @@ def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Locate
     likelihood = located.likelihood if options.soft_mask else None
     ray = located.index // samples.depths.shape[1]
     spacing = samples.spacing.reshape(-1)[located.index]
-    rgb, thickness = [], []
+    rgb, thickness, count = [], [], 0
     for first in range(0, located.index.shape[0], options.chunk):
         part = slice(first, first + options.chunk)
         some = _chosen(located, part)
         masked = None if likelihood is None else likelihood[part]
         painted = _painted(scene, some, (ray[part], spacing[part], masked), first >= options.kept)
-        rgb.append(painted[0])
-        thickness.append(painted[1])
+        rgb.append(painted.rgb)
+        thickness.append(painted.thickness)
+        count += painted.painted
     if not rgb:
-        return _Survivors(located.index, located.canonical, located.likelihood)
-    return _Survivors(located.index, torch.cat(rgb), torch.cat(thickness))
+        return _Survivors(located.index, located.canonical, located.likelihood, 0)
+    return _Survivors(located.index, torch.cat(rgb), torch.cat(thickness), count)
 
 
 def _painted(
@@ -242,7 +241,7 @@ def _painted(
     located: Located,
     along: tuple[Int[Tensor, "points"], Float[Tensor, "points"], Float[Tensor, "points"] | None],
     again: bool,
-) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
+) -> _Survivors:
     """Colours (black where they cannot be seen) and optical depths of one chunk.
 
     Args:
@@ -255,27 +254,28 @@ def _painted(
 
     def paint(
         canonical: Tensor, likelihood: Tensor, masked: Tensor | None
-    ) -> tuple[Tensor, Tensor]:
+    ) -> tuple[Tensor, Tensor, int]:
         moved = replace(located, canonical=canonical, likelihood=likelihood)
         field = scene.method.field(scene.actor, scene.pose, moved)
         thickness = optical_depth(field.density.to(spacing.dtype), spacing, masked)
         share = shares_so_far(thickness.detach(), ray)
         seen = (share > scene.options.least_weight).nonzero()[:, 0]
         if seen.shape[0] == ray.shape[0]:
-            return field.rgb.to(spacing.dtype), thickness
+            return field.rgb.to(spacing.dtype), thickness, seen.shape[0]
         colours = field.colours(seen).to(spacing.dtype)
-        return colours.new_zeros(ray.shape[0], 3).index_copy(0, seen, colours), thickness
+        black = colours.new_zeros(ray.shape[0], 3)
+        return black.index_copy(0, seen, colours), thickness, seen.shape[0]
 
     given = (located.canonical, located.likelihood, along[2])
     if not (again and torch.is_grad_enabled()):
-        return paint(*given)
-    rgb, thickness = checkpoint(
+        return _Survivors(located.index, *paint(*given))
+    kept = checkpoint(
         paint,
         *given,
         use_reentrant=False,
         preserve_rng_state=False,  # no field draws random numbers
     )
-    return rgb, thickness
+    return _Survivors(located.index, *kept)
 
 
 def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:
@@ -301,6 +301,7 @@ def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located
         torch.cat([part.place for part in seen]),
         torch.cat([part.rgb for part in seen]),
         torch.cat([part.thickness for part in seen]),
+        sum(part.painted for part in seen),
     )
 
 

@@ -4,7 +4,7 @@
 Each method has its own `ActorState`; a baked actor is one more.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar, runtime_checkable
 
@@ -114,7 +114,23 @@ class Counts:
     samples: int
     """Samples on those rays."""
     survivors: int
-    """Samples that went through the networks."""
+    """Samples that went through the networks, at least for their density."""
+    painted: int
+    """Those whose colour was computed."""
+
+    @classmethod
+    def total(cls, parts: Sequence["Counts"]) -> "Counts":
+        """The work of all parts.
+
+        >>> Counts.total([Counts(1, 20, 3, 2), Counts(1, 20, 0, 0)])
+        Counts(rays=2, samples=40, survivors=3, painted=2)
+        """
+        return cls(
+            sum(part.rays for part in parts),
+            sum(part.samples for part in parts),
+            sum(part.survivors for part in parts),
+            sum(part.painted for part in parts),
+        )
 
 
 @dataclass(frozen=True)

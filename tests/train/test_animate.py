@@ -148,5 +148,5 @@ def test_the_mesh_of_the_first_pose(options: AnimateOptions, tmp_path: Path) -> 
 def test_depth_counts_only_where_light_is_stopped() -> None:
     alpha = torch.tensor([[0.0, 0.4, 0.5, 1.0]])
     depth = torch.tensor([[0.0, 1.2, 1.5, 3.0]])  # 3 m times alpha
-    seen = Rendering(torch.zeros(1, 4, 3), alpha, depth, Counts(4, 4, 4))
+    seen = Rendering(torch.zeros(1, 4, 3), alpha, depth, Counts(4, 4, 4, 4))
     assert surface_depth(seen).tolist() == [[0.0, 0.0, 3.0, 3.0]]

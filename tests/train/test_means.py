@@ -11,7 +11,9 @@ from actorsnerf_train.objective import Outcome
 
 def outcome(loss: float, inside: float) -> Outcome:
     terms = [torch.tensor(value, requires_grad=True) for value in (loss, loss / 2, 0.1, 0.0)]
-    return Outcome(Losses(*terms), torch.tensor(inside), torch.tensor(0.25), Counts(10, 100, 20))
+    return Outcome(
+        Losses(*terms), torch.tensor(inside), torch.tensor(0.25), Counts(10, 100, 20, 15)
+    )
 
 
 def test_means_by_hand() -> None:

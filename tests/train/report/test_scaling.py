@@ -44,9 +44,9 @@ def test_parts_cost_what_they_multiply(
         "views: 2 of 3",
     ]
     assert len({row.survivors for row in rows.values()}) == 1
-    whole = rows["nothing"].flops_per_sample
-    assert all(row.flops_per_sample < whole for name, row in rows.items() if name != "nothing")
-    assert rows["views: 1 of 3"].flops_per_sample < rows["views: 2 of 3"].flops_per_sample
+    flops = {name: row.density_flops + row.colour_flops for name, row in rows.items()}
+    assert all(count < flops["nothing"] for name, count in flops.items() if name != "nothing")
+    assert flops["views: 1 of 3"] < flops["views: 2 of 3"]
 
 
 def test_a_method_without_these_parts_has_no_rows(

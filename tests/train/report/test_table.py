@@ -27,7 +27,7 @@ def test_the_table_says_what_was_measured(report: SpeedReport) -> None:
         "what fast does",
         "500 (450-550)",
         "200.0",
-        "6400 of 128000",
+        "6400, 900 of 128000",
         "0.70",
         "-",
         "25.00",
@@ -42,7 +42,7 @@ def test_the_table_says_what_was_measured(report: SpeedReport) -> None:
     assert "| picture | 160x120 | 250 | 1001 | 4321 |" in text
     assert "| pretrain | 4 of 32x32 | 128 | 1000 (900-1200) | 1000 (900-1200) | 7.5 |" in text
     assert "2.0e-05 (a.b)" in text
-    assert "| deformation | 1000 (900-1200) | 2.000 | 6400 |" in text
+    assert "| deformation | 1000 (900-1200) | 1.000 + 1.000 | 640 |" in text
 
 
 def test_the_terminal_hears_the_choice(report: SpeedReport) -> None:

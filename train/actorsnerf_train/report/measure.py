@@ -69,6 +69,16 @@ class Spread:
 
 
 @dataclass(frozen=True)
+class Products:
+    """Floating-point operations of the networks' matrix products for one sample."""
+
+    density: float
+    """Until its density is known."""
+    colour: float
+    """For its colour, in addition."""
+
+
+@dataclass(frozen=True)
 class Measured:
     """What one run found of a contestant."""
 
@@ -77,8 +87,8 @@ class Measured:
     """Frame by frame."""
     times: Spread
     """Of a whole frame; the reference's are scaled up from its share of the rays."""
-    flops: float
-    """Of matrix products that one sample needs in the networks."""
+    flops: Products
+    """What one sample needs in the networks."""
     limit: float
     """Multiply-adds times two per second that this machine's products reached in the same run, at
     the contestant's precision."""
@@ -87,6 +97,11 @@ class Measured:
     def survivors(self) -> float:
         """Samples of a frame that went through networks, mean."""
         return self._mean([drawn.rendering.counts.survivors for drawn in self.drawn])
+
+    @property
+    def painted(self) -> float:
+        """Samples of a frame whose colour was computed, mean."""
+        return self._mean([drawn.rendering.counts.painted for drawn in self.drawn])
 
     @property
     def samples(self) -> float:
@@ -101,7 +116,8 @@ class Measured:
     @property
     def of_limit(self) -> float:
         """Share of the arithmetic limit: time that the products alone need, over the time."""
-        return self.survivors * self.flops / self.limit / self.times.median
+        needed = self.survivors * self.flops.density + self.painted * self.flops.colour
+        return needed / self.limit / self.times.median
 
     def _mean(self, counts: list[int]) -> float:
         return sum(counts) / len(counts)
@@ -192,8 +208,8 @@ def spread(times: Sequence[float]) -> Spread:
 
 
 @torch.no_grad()
-def field_flops(contestant: Contestant, frame: Frame) -> float:
-    """Floating-point operations of matrix products that one sample needs in the field."""
+def field_flops(contestant: Contestant, frame: Frame) -> Products:
+    """What one sample needs in the field."""
     actor = contestant.actor
     pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
     low, high = pose.bounds
@@ -202,11 +218,13 @@ def field_flops(contestant: Contestant, frame: Frame) -> float:
     located = actor.method.locate(actor.state, pose, points, actor.config.render.threshold)
     count = located.index.shape[0]
     if count == 0:
-        return 0.0
-    counter = FlopCounterMode(display=False)
-    with counter:
-        actor.method.field(actor.state, pose, located)
-    return float(counter.get_total_flops()) / count
+        return Products(0.0, 0.0)
+    density, colour = FlopCounterMode(display=False), FlopCounterMode(display=False)
+    with density:
+        field = actor.method.field(actor.state, pose, located)
+    with colour:
+        field.colours(torch.arange(count, device=points.device))
+    return Products(density.get_total_flops() / count, colour.get_total_flops() / count)
 
 
 @torch.no_grad()
@@ -254,7 +272,10 @@ def _scaled_up(drawn: Sequence[Drawn], frames: Sequence[Frame]) -> tuple[Drawn, 
             continue
         factor, counts = _unshared(one, frame), one.rendering.counts
         scaled = Counts(
-            *(round(n * factor) for n in (counts.rays, counts.samples, counts.survivors))
+            *(
+                round(count * factor)
+                for count in (counts.rays, counts.samples, counts.survivors, counts.painted)
+            )
         )
         whole.append(replace(one, rendering=replace(one.rendering, counts=scaled)))
     return tuple(whole)
@@ -277,16 +298,11 @@ def _with_best_chunk(contestant: Contestant, frame: Frame, effort: Effort) -> Co
 
 
 def _joined(pieces: list[Rendering]) -> Rendering:
-    counts = [piece.counts for piece in pieces]
     return Rendering(
         torch.cat([piece.rgb for piece in pieces]),
         torch.cat([piece.alpha for piece in pieces]),
         torch.cat([piece.depth for piece in pieces]),
-        Counts(
-            sum(count.rays for count in counts),
-            sum(count.samples for count in counts),
-            sum(count.survivors for count in counts),
-        ),
+        Counts.total([piece.counts for piece in pieces]),
     )
 
 
@@ -295,6 +311,7 @@ __all__ = [
     "Drawn",
     "Effort",
     "Measured",
+    "Products",
     "Spread",
     "draw",
     "field_flops",

@@ -34,8 +34,12 @@ class PointRow:
     samples: float
     survivors: float
     """Samples that went through networks."""
-    flops_per_sample: float
-    """Of the networks' matrix products."""
+    painted: float
+    """Those whose colour was computed."""
+    density_flops: float
+    """Of the networks' matrix products, for one sample's density."""
+    colour_flops: float
+    """For its colour, in addition."""
     of_limit: float
     """Time that those products alone need at the rate measured in this run, over the time."""
     memory_mb: float | None
@@ -93,7 +97,8 @@ class PartRow:
 
     without: str
     seconds: Spread
-    flops_per_sample: float
+    density_flops: float
+    colour_flops: float
     survivors: int
 
 
@@ -177,7 +182,9 @@ def _row(
         rays=one.rays,
         samples=one.samples,
         survivors=one.survivors,
-        flops_per_sample=one.flops,
+        painted=one.painted,
+        density_flops=one.flops.density,
+        colour_flops=one.flops.colour,
         of_limit=one.of_limit,
         memory_mb=memory,
         psnr=None if truth is None else truth.psnr,

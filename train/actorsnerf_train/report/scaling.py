@@ -77,10 +77,11 @@ def part_rows(
         what = f"views: {views} of {model.views}"
         cases.append((what, _rebuilt(trained, complete, changed)))
     timed = _in_turns([(who, frame) for _, who in cases], rounds)
-    return tuple(
-        PartRow(name, spread(times), field_flops(who, frame), counts.survivors)
-        for (name, who), (times, counts) in zip(cases, timed, strict=True)
-    )
+    rows = []
+    for (name, who), (times, counts) in zip(cases, timed, strict=True):
+        flops = field_flops(who, frame)
+        rows.append(PartRow(name, spread(times), flops.density, flops.colour, counts.survivors))
+    return tuple(rows)
 
 
 @torch.no_grad()

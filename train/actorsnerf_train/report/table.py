@@ -90,9 +90,9 @@ def _actor(actor: ActorReport) -> list[str]:
 
 def _points(rows: tuple[PointRow, ...]) -> list[str]:
     lines = [
-        "| point | what it does | ms a frame | x reference | samples through networks | of the "
-        "arithmetic limit | peak MB | PSNR | SSIM | LPIPS x1000 | dB to reference | mean, largest "
-        "\\|Δrgb\\| x255 |",
+        "| point | what it does | ms a frame | x reference | samples with density, with colour | "
+        "of the arithmetic limit | peak MB | PSNR | SSIM | LPIPS x1000 | dB to reference | mean, "
+        "largest \\|Δrgb\\| x255 |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
@@ -101,8 +101,8 @@ def _points(rows: tuple[PointRow, ...]) -> list[str]:
         lines.append(
             f"| {'`' + row.name + '`'} | {row.says} | {_milliseconds(row.seconds)} "
             f"({_milliseconds(row.seconds_low)}-{_milliseconds(row.seconds_high)}) | "
-            f"{row.faster:.1f} | {row.survivors:.0f} of {row.samples:.0f} | {_limit(row)} | "
-            f"{_or_dash(row.memory_mb, '.0f')} | {_or_dash(row.psnr, '.2f')} | "
+            f"{row.faster:.1f} | {row.survivors:.0f}, {row.painted:.0f} of {row.samples:.0f} | "
+            f"{_limit(row)} | {_or_dash(row.memory_mb, '.0f')} | {_or_dash(row.psnr, '.2f')} | "
             f"{_or_dash(row.ssim, '.4f')} | {_or_dash(row.lpips_x1000, '.2f')} | "
             f"{'-' if row.kind == 'reference' else format(row.reference_psnr, '.1f')} | "
             f"{255 * row.reference_mean:.3f}, {255 * largest:.2f}{' (exact)' if same else ''} |"
@@ -170,12 +170,13 @@ def _parts(rows: tuple[PartRow, ...]) -> list[str]:
         "One frame, every sample in the shell, the same skinning volume. Only times: what a part "
         "is worth in error needs a training without it.",
         "",
-        "| left out | ms a frame | MFLOP a sample | samples through networks |",
+        "| left out | ms a frame | MFLOP a sample, density + colour | samples through networks |",
         "|---|---|---|---|",
     ]
     for row in rows:
         lines.append(
-            f"| {row.without} | {_spread(row.seconds)} | {row.flops_per_sample / 1e6:.3f} | "
+            f"| {row.without} | {_spread(row.seconds)} | {row.density_flops / 1e6:.3f} + "
+            f"{row.colour_flops / 1e6:.3f} | "
             f"{row.survivors} |"
         )
     return [*lines, ""]
@@ -198,7 +199,7 @@ def _milliseconds(seconds: float) -> str:
 
 def _limit(row: PointRow) -> str:
     """A baked actor has no networks, so no such limit."""
-    return f"{row.of_limit:.2f}" if row.flops_per_sample > 0 else "-"
+    return f"{row.of_limit:.2f}" if row.density_flops > 0 else "-"
 
 
 def _or_dash(value: float | None, form: str) -> str:
