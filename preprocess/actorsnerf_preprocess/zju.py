@@ -16,6 +16,7 @@ from actorsnerf_datasets.types import Float64, Protocol
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
 from actorsnerf_preprocess.image_files import ImageReader
 from actorsnerf_preprocess.source import (
+    Finding,
     Found,
     OpenOptions,
     SourceCamera,
@@ -27,10 +28,10 @@ from actorsnerf_preprocess.zju_annotations import world_up
 from actorsnerf_preprocess.zju_bodies import ReadFits, read_fits
 from actorsnerf_preprocess.zju_choice import FitChoice, choose_fit
 from actorsnerf_preprocess.zju_converted import (
+    converted_facts,
     converted_fits,
     is_converted_tree,
     read_converted_tree,
-    survey_converted,
 )
 from actorsnerf_preprocess.zju_inspection import (
     ZjuInspection,
@@ -82,11 +83,14 @@ def survey_zju(found: Found, options: OpenOptions) -> Survey:
         SourceError: an annotation file is missing or damaged.
     """
     if _is_converted(found):
-        return survey_converted(found)
+        tree = read_converted_tree(found.path)
+        names = tuple(camera.name for camera in tree.cameras)
+        lines = (("variant", found.variant), *converted_facts(tree))
+        return _survey(found, options, (names, tree.frames, tree.existing), lines, tree.findings)
     seen = inspect_zju(found, options)
     found = replace(found, variant=VARIANT_LINES[seen.tree.variant])
-    lines = (("sequence", found.name), ("actor", actor_of(found)), *facts(seen))
-    return Survey(found, lines, seen.findings)
+    there = (seen.tree.camera_names, seen.tree.frames, seen.tree.existing)
+    return _survey(found, options, there, facts(seen), seen.findings)
 
 
 def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
@@ -108,7 +112,7 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
     positions = positions[list(read.positions)]
     frames = np.array([tree.frames[p] for p in positions], np.int64)
     require_plausible_distance(seen.cameras, read)
-    absent = {"pictures", *tree.camera_names}
+    absent = _absent(tree.camera_names)
     files = {
         (camera, index): seen.picture_files(camera, int(position))
         for camera in range(len(seen.cameras))
@@ -138,6 +142,38 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
     )
 
 
+def _survey(
+    found: Found,
+    options: OpenOptions,
+    there: tuple[tuple[str, ...], tuple[int, ...], frozenset[tuple[int, int]]],
+    lines: tuple[tuple[str, str], ...],
+    findings: tuple[Finding, ...],
+) -> Survey:
+    """The survey of a tree; `there` has its cameras, frames, and the pairs with a picture."""
+    cameras, frames, existing = there
+    protocol = protocol_of(found, options, cameras, frames)
+    wanted = wanted_pairs(protocol, options, cameras, frames)
+    present = sum((int(c), int(f)) in existing for c, f in np.argwhere(wanted))
+    needed = f"{present} of {int(wanted.sum())} pictures that it needs are there"
+    if options.pairs == "all":
+        needed = f"{present} of {wanted.size} pictures are there; all are asked for"
+    return Survey(
+        found,
+        (
+            ("sequence", found.name),
+            ("actor", actor_of(found)),
+            ("protocol", f"{protocol.name}, {protocol.role}: {needed}"),
+            *lines,
+        ),
+        weighed_findings(findings, wanted, existing, _absent(cameras)),
+    )
+
+
+def _absent(cameras: tuple[str, ...]) -> set[str]:
+    """What findings about absent pictures are about."""
+    return {"pictures", *cameras, *(f"camera {name}" for name in cameras)}
+
+
 def _open_converted(
     found: Found, options: OpenOptions, model: BodyModel, body_model: str
 ) -> SourceSequence:
@@ -155,7 +191,7 @@ def _open_converted(
         for camera in range(len(tree.cameras))
         for index, frame in enumerate(frames)
     }
-    absent = {finding.entry for finding in tree.findings}
+    absent = _absent(names)
     digested = [f"{folder}/{n}.pkl" for folder in tree.folders for n in ("cameras", "mesh_infos")]
     return SourceSequence(
         found=found,

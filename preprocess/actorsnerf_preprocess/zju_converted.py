@@ -16,7 +16,7 @@ from actorsnerf_datasets.pickles import load_pickle
 from actorsnerf_datasets.rotations import matrix_from_axis_angle
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.image_files import PictureFiles, picture_size
-from actorsnerf_preprocess.source import Finding, Found, SourceCamera, SourceError, Survey
+from actorsnerf_preprocess.source import Finding, SourceCamera, SourceError
 from actorsnerf_preprocess.zju_annotations import ROTATION_TOLERANCE
 from actorsnerf_preprocess.zju_bodies import ReadFits, verified_fits
 from actorsnerf_preprocess.zju_choice import FitChoice, FitFolders
@@ -95,24 +95,17 @@ def read_converted_tree(root: Path) -> ConvertedTree:
     )
 
 
-def survey_converted(found: Found) -> Survey:
-    """What is there of a converted subject.
-
-    Raises:
-        SourceError: a pickle lacks an entry, or a camera moves.
-    """
-    tree = read_converted_tree(found.path)
+def converted_facts(tree: ConvertedTree) -> tuple[tuple[str, str], ...]:
+    """The lines that a user reads about a converted subject."""
     sizes = sorted({camera.size for camera in tree.cameras})
     vertices = vertices_root(tree.root)
-    lines = (
-        ("sequence", found.name),
-        ("variant", found.variant),
+    return (
         ("cameras", str(len(tree.cameras))),
         ("picture size", ", ".join(f"{width} x {height}" for width, height in sizes)),
         ("frames", f"{len(tree.frames)}: {tree.frames[0]} to {tree.frames[-1]}"),
+        ("pictures", f"{len(tree.existing)} of {len(tree.cameras) * len(tree.frames)} are there"),
         ("vertices", str(vertices / "new_vertices") if vertices else "none, will be rebuilt"),
     )
-    return Survey(found, lines, tree.findings)
 
 
 def vertices_root(root: Path) -> Path | None:

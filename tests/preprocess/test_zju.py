@@ -151,3 +151,19 @@ def test_the_survey_needs_no_body_model(tmp_path: Path, write_zju: WriteTree) ->
     assert facts["cameras"] == "3: Camera_B1, Camera_B2, Camera_B3"
     sentences = [finding.sentence for finding in survey.findings]
     assert "1 of 12 listed pictures are missing: Camera_B2 1; frames 2." in sentences
+
+
+def test_the_survey_says_what_the_protocol_lacks(tmp_path: Path, write_zju: WriteTree) -> None:
+    tree = write_zju(tmp_path / "CoreView_377")
+    (found,) = find_zju(tmp_path)
+    missing = tree.root / tree.names[1] / "000002.jpg"
+    for path, needed, severity in (
+        (missing, "4 of 4 pictures that it needs are there", "note"),
+        (tree.root / tree.names[0] / "000003.jpg", "3 of 4 pictures that it needs are", "warning"),
+    ):
+        path.unlink()
+        survey = survey_zju(found, OpenOptions())
+        assert needed in dict(survey.facts)["protocol"]
+        assert {f.entry: f.severity for f in survey.findings}["pictures"] == severity
+    every = dict(survey_zju(found, OpenOptions(pairs="all")).facts)["protocol"]
+    assert every == "actorsnerf-zju, pretraining: 10 of 12 pictures are there; all are asked for"
