@@ -196,6 +196,12 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> People:
 
 
 @pytest.fixture(scope="session")
+def known_eve(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Another file of the held-out person, as one to pre-train on."""
+    return write_person(tmp_path_factory.mktemp("known") / "known.h5", "eve", "pretraining", 4)
+
+
+@pytest.fixture(scope="session")
 def quick() -> Changes:
     """Six steps of little work."""
     return Changes(steps=6, samples=12, patches=1, checkpoint_every=3, picture_every=0)

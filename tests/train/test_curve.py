@@ -14,6 +14,7 @@ from actorsnerf_train import curve as curve_module
 from actorsnerf_train import evaluate as evaluation_module
 from actorsnerf_train import loop as loop_module
 from actorsnerf_train.checkpoint import load_checkpoint
+from actorsnerf_train.config import MethodName
 from actorsnerf_train.curve import CONVENTION, curve_steps, make_gauge
 from actorsnerf_train.curve_file import CURVE, read_curve
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
@@ -90,9 +91,9 @@ def test_measuring_changes_nothing_of_the_training(
     assert points is not None and tuple(point.step for point in points) == STEPS
 
 
-@pytest.mark.parametrize("method", ["actorsnerf", "humannerf"])
+@pytest.mark.parametrize("method", ["actorsnerf", "humannerf", "neuralbody"])
 def test_nor_where_running_statistics_and_pose_refiner_learn(
-    alone: FewshotOptions, method: str, tmp_path: Path
+    alone: FewshotOptions, method: MethodName, tmp_path: Path
 ) -> None:
     scratch = replace(alone, method=method)
     plain = replace(scratch, run=tmp_path / "plain", curve=False)

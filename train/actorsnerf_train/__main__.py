@@ -18,7 +18,8 @@ from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
 from actorsnerf_train.report.command import ReportOptions, run_report
 from actorsnerf_train.stability.command import StabilityOptions, UnstableError, run_stability
-from actorsnerf_train.tables.command import TablesOptions, run_tables
+from actorsnerf_train.tables.command import run_tables
+from actorsnerf_train.tables.options import TablesOptions
 
 DESCRIPTION = """Train, evaluate and animate people from prepared files.
 

@@ -1,16 +1,20 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.__main__ import main
 from actorsnerf_train.options import Resources
 from actorsnerf_train.pictures import write_png
-from actorsnerf_train.result import CurvePoint, StripLayout, StripRow
+from actorsnerf_train.result import CurvePoint, MeanRow, StripLayout, StripRow
+from actorsnerf_train.result_file import read_result, write_result
 from actorsnerf_train.tables import command
-from actorsnerf_train.tables.command import TablesOptions, run_tables
+from actorsnerf_train.tables.command import run_tables
 from actorsnerf_train.tables.execute import execute
+from actorsnerf_train.tables.options import TablesOptions
 from actorsnerf_train.tables.plan import Run
 
 if TYPE_CHECKING:
@@ -98,8 +102,70 @@ def test_a_dry_run_only_tells(
     told = capsys.readouterr().out
     assert "missing category  (300 steps)" in told
     assert "missing eve-fewshot-5-humannerf-seed0  (200 steps)" in told
-    assert "not counting 3 runs" in told
+    assert "not counting 4 runs" in told
     assert not (tmp_path / "out").exists()
+
+
+def test_what_is_recorded_is_not_planned(
+    people: "People", write: "WriteResult", tmp_path: Path
+) -> None:
+    digest = SequenceFile(people.eve).digest
+    write((24.0, 0.9, 60.0), method="humannerf", preset="tiny", data_sha256=digest, step=2)
+    options = TablesOptions(
+        tmp_path / "out",
+        data=(people.folder,),
+        results=(tmp_path / "results",),
+        preset="tiny",
+        methods=("humannerf", "scratch"),
+        settings=("fewshot-5",),
+        steps=2,
+        dry_run=True,
+    )
+    told = run_tables(options)
+    assert [line.split("  ")[0] for line in told[:-1]] == ["missing eve-fewshot-5-scratch-seed0"]
+
+
+def test_bad_input_is_one_sentence_and_exit_status_2(
+    people: "People", known_eve: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--preset", "tiny", "--dry-run", "--settings"]
+    cases: dict[str, list[Path | str]] = {
+        "no prepared file of a held-out actor": [people.ann, *asked, "fewshot-5"],
+        "no file of a training actor": [people.eve, *asked, "fewshot-5"],
+        "its 20 frames are too few": [people.folder, *asked, "fewshot-300"],
+        "figures on a known person mean nothing": [people.folder, known_eve, *asked, "fewshot-5"],
+    }
+    for said, words in cases.items():
+        out = tmp_path / "out"
+        assert main(["tables", "--out", str(out), "--data", *map(str, words)]) == 2, said
+        error = capsys.readouterr().err
+        assert error.startswith("error: ") and error.count("\n") == 1 and said in error
+        assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"data_sha256": "1" * 64}, "was measured on another data_sha256 than in"),
+        ({"means": (MeanRow("strict", 25.0, 0.9, None),)}, "no figures under the convention paper"),
+    ],
+)
+def test_what_cannot_share_a_table_is_exit_status_2(
+    write: "WriteResult",
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: dict[str, object],
+    said: str,
+) -> None:
+    write((25.0, 0.9, 50.0))
+    path = write((24.0, 0.9, 60.0), seed=1)
+    other = replace(read_result(path), **change)  # type: ignore[arg-type]  # the case's fields
+    write_result(path, other)
+    out = tmp_path / "out"
+    assert main(["tables", "--out", str(out), "--results", str(tmp_path / "results")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and said in error
+    assert not list(out.glob("*"))
 
 
 def test_exit_statuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING
 import pytest
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_train.tables.plan import Run, Study, hours_left, make_plan
+from actorsnerf_train.tables.options import TablesOptions
+from actorsnerf_train.tables.plan import Run, hours_left, make_plan
 
 if TYPE_CHECKING:
     from tests.train.conftest import People
 
 
 @pytest.fixture
-def study(people: "People", tmp_path: Path) -> Study:
-    return Study(
-        files=(people.folder,),
-        out=tmp_path / "runs",
+def options(people: "People", tmp_path: Path) -> TablesOptions:
+    return TablesOptions(
+        tmp_path,
+        data=(people.folder,),
         preset="tiny",
         methods=("actorsnerf", "humannerf", "no-deformation"),
         settings=("fewshot-5",),
-        list_name=None,
         seeds=(0, 1),
         steps=10,
         pretrain_steps=100,
@@ -34,8 +34,10 @@ def train(run: Run, steps: int, seconds: float) -> None:
     (run.folder / "log.jsonl").write_text(json.dumps(entry) + "\n")
 
 
-def test_categories_come_first_and_rows_begin_from_theirs(study: Study, people: "People") -> None:
-    runs = make_plan(study)
+def test_categories_come_first_and_rows_begin_from_theirs(
+    options: TablesOptions, people: "People"
+) -> None:
+    runs = make_plan(options)
     assert [run.folder.name for run in runs] == [
         "category",
         "category-no-deformation",
@@ -53,8 +55,8 @@ def test_categories_come_first_and_rows_begin_from_theirs(study: Study, people: 
     assert origins == ["category", None, "category-no-deformation"]
 
 
-def test_status_and_time_left(study: Study) -> None:
-    runs = make_plan(study)
+def test_status_and_time_left(options: TablesOptions) -> None:
+    runs = make_plan(options)
     assert {run.status for run in runs} == {"missing"}
     assert hours_left(runs) == (0.0, 8)
     train(runs[0], 100, 400.0)
@@ -69,18 +71,27 @@ def test_status_and_time_left(study: Study) -> None:
     assert runs[2].status == "done"
 
 
-def test_the_baseline_alone_needs_no_category(study: Study, people: "People") -> None:
-    alone = replace(study, files=(people.eve,), methods=("humannerf", "neuralbody", "scratch"))
+def test_the_baseline_alone_needs_no_category(options: TablesOptions, people: "People") -> None:
+    alone = replace(options, data=(people.eve,), methods=("humannerf", "neuralbody", "scratch"))
     assert all(run.setting for run in make_plan(alone))
     with pytest.raises(UserError, match="no file of a training actor"):
-        make_plan(replace(study, files=(people.eve,)))
+        make_plan(replace(options, data=(people.eve,)))
 
 
-def test_someone_must_be_held_out(study: Study, people: "People") -> None:
+def test_someone_must_be_held_out(options: TablesOptions, people: "People") -> None:
     with pytest.raises(UserError, match="no prepared file of a held-out actor"):
-        make_plan(replace(study, files=(people.ann, people.ben)))
+        make_plan(replace(options, data=(people.ann, people.ben)))
 
 
-def test_a_setting_that_a_file_lacks(study: Study) -> None:
-    with pytest.raises(UserError, match="has no setting fewshot-300 for actor eve"):
-        make_plan(replace(study, settings=("fewshot-5", "fewshot-300")))
+def test_a_sequence_too_short_for_a_setting(options: TablesOptions) -> None:
+    said = "actor eve has no setting fewshot-300 in protocol generic: its 20 frames are too few"
+    with pytest.raises(UserError, match=said):
+        make_plan(replace(options, settings=("fewshot-5", "fewshot-300")))
+
+
+def test_an_actor_on_both_sides_is_refused(
+    options: TablesOptions, people: "People", known_eve: Path
+) -> None:
+    said = r"eve\.h5: actor eve is held out here but a training actor in .*known\.h5: figures"
+    with pytest.raises(UserError, match=said):
+        make_plan(replace(options, data=(people.folder, known_eve)))

@@ -1,16 +1,12 @@
 """The `tables` command: plan the runs, make what is missing, write the tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from tqdm import tqdm
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_datasets.types import ListName
-from actorsnerf_train.config import PresetName
 from actorsnerf_train.metrics import ConventionName
-from actorsnerf_train.options import Resources
 from actorsnerf_train.result_file import RESULT_NAME
 from actorsnerf_train.tables.curve_plot import write_curve_plot
 from actorsnerf_train.tables.curves import (
@@ -22,50 +18,14 @@ from actorsnerf_train.tables.curves import (
 )
 from actorsnerf_train.tables.entry import Entry, gather, refuse_unequal
 from actorsnerf_train.tables.execute import execute
+from actorsnerf_train.tables.made import refuse_other_runs, to_make
+from actorsnerf_train.tables.options import TablesOptions
 from actorsnerf_train.tables.parts import part_gains, write_parts
-from actorsnerf_train.tables.plan import MethodRow, Run, Study, hours_left, make_plan
+from actorsnerf_train.tables.plan import Run, hours_left, make_plan
 from actorsnerf_train.tables.plot import write_plot
 from actorsnerf_train.tables.side_by_side import write_side_by_side
 from actorsnerf_train.tables.table import Table, make_table
 from actorsnerf_train.tables.writing import write_table
-
-
-@dataclass(frozen=True)
-class TablesOptions:
-    """Fills the paper's tables: plans the runs, makes those that are missing, writes the tables.
-
-    Killed? The same command goes on. Without --data nothing is trained: the results below --out
-    and --results become tables.
-    """
-
-    out: Path
-    """Folder for the runs (runs/) and the tables (.md, .csv, .tex, .png)."""
-    data: tuple[Path, ...] = ()
-    """Prepared files or folders of them; held-out actors are tested, the others pre-train."""
-    results: tuple[Path, ...] = ()
-    """More result.json files, or folders with some, e.g. recorded ones of another machine."""
-    preset: PresetName = "small"
-    """Of all trainings."""
-    methods: tuple[MethodRow, ...] = ("actorsnerf", "humannerf")
-    """Rows; scratch: ActorsNeRF without category; no-...: ablations in both trainings."""
-    settings: tuple[str, ...] = ("fewshot-5", "fewshot-10", "fewshot-30", "short-video")
-    """Few-shot settings that every held-out file must have."""
-    list: ListName | None = None
-    """official or auto frames; left out: official where the file has them."""
-    seeds: tuple[int, ...] = (0,)
-    """Of the few-shot trainings; their spread is reported."""
-    steps: int | None = None
-    """Of each few-shot training; the preset's if left out."""
-    pretrain_steps: int | None = None
-    """Of each category training; the preset's if left out."""
-    conventions: tuple[ConventionName, ...] = ("paper", "box")
-    """One table each."""
-    max_frames: int | None = None
-    """Evaluation frames at most, evenly spread, for a quick look."""
-    dry_run: bool = False
-    """Show the plan, with the time that it will take, and stop."""
-    use: Resources = field(default_factory=Resources)
-    """How to compute."""
 
 
 def run_tables(options: TablesOptions) -> tuple[str, ...]:
@@ -74,7 +34,7 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     Raises:
         UserError: files, settings or results are not as needed.
     """
-    runs = make_plan(_study(options)) if options.data else ()
+    runs = _plan(options) if options.data else ()
     if options.dry_run:
         return describe_plan(runs)
     missing = [run for run in runs if run.status != "done"]
@@ -119,6 +79,13 @@ def _write_curves(out: Path, entries: Sequence[Entry]) -> list[Path]:
     return told
 
 
+def _plan(options: TablesOptions) -> tuple[Run, ...]:
+    """The runs, but those that recorded results stand for."""
+    runs = make_plan(options)
+    refuse_other_runs(runs, options)
+    return to_make(runs, gather(options.results) if options.results else (), options)
+
+
 def describe_plan(runs: Sequence[Run]) -> tuple[str, ...]:
     """One line a run, and the time left.
 
@@ -126,27 +93,16 @@ def describe_plan(runs: Sequence[Run]) -> tuple[str, ...]:
         UserError: there is nothing to plan.
     """
     if not runs:
-        raise UserError("no run is planned: --dry-run needs --data with prepared files.")
+        raise UserError(
+            "no run is planned: --dry-run needs --data with prepared files, and some run that no "
+            "result below --results stands for."
+        )
     lines = [f"{run.status:8}{run.folder.name}  ({run.steps:,} steps)" for run in runs]
     hours, unknown = hours_left(runs)
     guess = f"about {hours:.1f} h left"
     if unknown:
         guess += f", not counting {unknown} runs of which no like one has been timed yet"
     return (*lines, guess)
-
-
-def _study(options: TablesOptions) -> Study:
-    return Study(
-        options.data,
-        options.out / "runs",
-        options.preset,
-        options.methods,
-        options.settings,
-        options.list,
-        options.seeds,
-        options.steps,
-        options.pretrain_steps,
-    )
 
 
 def _notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
@@ -162,7 +118,10 @@ def _notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
     if uneven or len({row.steps for row in table.rows}) > 1:
         notes.append("**Not at equal steps**: see the column.")
     if any(r.pretrained_from for r in results):
-        notes.append("Training times leave the category training out, which is made once.")
+        notes.append(
+            "Training times leave out the category training, which is made once and stands beside "
+            "('-': none, or not recorded)."
+        )
     if any(r.curve for r in results):
         notes.append("At equal training time: table_time.md; error against time: curves.png.")
     machines = sorted({str(r.machine.get("processor", "?")) for r in results})

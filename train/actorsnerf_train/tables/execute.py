@@ -6,7 +6,8 @@ from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
-from actorsnerf_train.tables.plan import ABLATED, EVALUATION, METHODS, Run
+from actorsnerf_train.tables.options import ABLATED, METHODS
+from actorsnerf_train.tables.plan import EVALUATION, Run
 
 
 def execute(

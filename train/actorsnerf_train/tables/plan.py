@@ -10,52 +10,14 @@ from typing import Literal
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_shots
-from actorsnerf_datasets.types import ListName
-from actorsnerf_train.config import MethodName, PresetName, fewshot, pretraining
+from actorsnerf_train.config import fewshot, pretraining
 from actorsnerf_train.data_files import SUFFIX
-from actorsnerf_train.pretrain import Part
 from actorsnerf_train.result_file import RESULT_NAME
+from actorsnerf_train.tables.options import ABLATED, WITHOUT_CATEGORY, MethodRow, TablesOptions
 
-MethodRow = Literal[
-    "actorsnerf",
-    "scratch",
-    "humannerf",
-    "neuralbody",
-    "no-deformation",
-    "no-pixel-features",
-    "no-body-features",
-]
-"""scratch: ActorsNeRF without its category; no-...: the paper's ablations, in both trainings."""
-ABLATED: dict[MethodRow, Part] = {
-    "no-deformation": "deformation",
-    "no-pixel-features": "pixel_features",
-    "no-body-features": "body_features",
-}
-METHODS: dict[MethodRow, MethodName] = {"humannerf": "humannerf", "neuralbody": "neuralbody"}
-"""Rows of other methods; the rest are ActorsNeRF's."""
-WITHOUT_CATEGORY: tuple[MethodRow, ...] = ("scratch", *METHODS)
+RUNS = "runs"
 EVALUATION = "evaluation"
 Status = Literal["done", "begun", "missing"]
-
-
-@dataclass(frozen=True)
-class Study:
-    """What the tables are to compare."""
-
-    files: tuple[Path, ...]
-    """Prepared files: of training actors and of held-out ones."""
-    out: Path
-    """Folder of the runs."""
-    preset: PresetName
-    methods: tuple[MethodRow, ...]
-    settings: tuple[str, ...]
-    list_name: ListName | None
-    seeds: tuple[int, ...]
-    """Of the few-shot trainings; the category training has the first."""
-    steps: int | None = None
-    """Of each few-shot training; the preset's if None."""
-    pretrain_steps: int | None = None
-    """Of each category training; the preset's if None."""
 
 
 @dataclass(frozen=True)
@@ -93,34 +55,37 @@ def category_folder(out: Path, method: MethodRow) -> Path:
     return out / (f"category-{method}" if method in ABLATED else "category")
 
 
-def make_plan(study: Study) -> tuple[Run, ...]:
-    """The runs of a study in the order in which they can be made.
+def make_plan(options: TablesOptions) -> tuple[Run, ...]:
+    """The runs that the options ask for, in the order in which they can be made.
 
     Raises:
-        UserError: no training or no held-out actor, or an actor lacks a setting.
+        UserError: no training or no held-out actor, one who is both, or one whose sequence is too
+            short for a setting.
     """
-    training, held_out = _sorted_files(study.files)
-    category_steps = study.pretrain_steps or pretraining(study.preset).schedule.steps
-    steps = study.steps or fewshot(study.preset).schedule.steps
+    training, held_out = _sorted_files(options.data)
+    out = options.out / RUNS
+    category_steps = options.pretrain_steps or pretraining(options.preset).schedule.steps
+    steps = options.steps or fewshot(options.preset).schedule.steps
     runs = []
-    for method in study.methods:
+    for method in options.methods:
         if method in WITHOUT_CATEGORY:
             continue
         if not training:
             raise UserError(
-                f"{', '.join(map(str, study.files))}: no file of a training actor, but the rows "
-                f"{', '.join(study.methods)} need a category training: add files, or leave them out"
+                f"{', '.join(map(str, options.data))}: no file of a training actor, but the rows "
+                f"{', '.join(options.methods)} need a category training: add files, or leave them "
+                "out (--methods)."
             )
-        folder = category_folder(study.out, method)
-        runs.append(Run(folder, method, training, None, study.seeds[0], category_steps))
-    for seed in study.seeds:
-        for setting in study.settings:
+        folder = category_folder(out, method)
+        runs.append(Run(folder, method, training, None, options.seeds[0], category_steps))
+    for seed in options.seeds:
+        for setting in options.settings:
             for path, actor in held_out.items():
-                for method in study.methods:
-                    folder = study.out / f"{actor}-{setting}-{method}-seed{seed}"
+                for method in options.methods:
+                    folder = out / f"{actor}-{setting}-{method}-seed{seed}"
                     runs.append(Run(folder, method, (path,), setting, seed, steps))
     for path in held_out:
-        _refuse_missing_settings(path, study)
+        _refuse_missing_settings(path, options)
     return tuple(runs)
 
 
@@ -150,26 +115,41 @@ def _sorted_files(files: Sequence[Path]) -> tuple[tuple[Path, ...], dict[Path, s
     paths: list[Path] = []
     for file in files:
         paths += sorted(file.glob(f"*{SUFFIX}")) if file.is_dir() else [file]
-    training: list[Path] = []
+    training: dict[Path, str] = {}
     held_out: dict[Path, str] = {}
     for path in paths:
         header = SequenceFile(path).header
-        if any(protocol.role == "held_out" for protocol in header.protocols):
-            held_out[path] = header.actor
-        else:
-            training.append(path)
+        tested = any(protocol.role == "held_out" for protocol in header.protocols)
+        (held_out if tested else training)[path] = header.actor
     if not held_out:
         raise UserError(
             f"{', '.join(map(str, files))}: no prepared file of a held-out actor, whom tables are "
             "about: prepare one (--held-out NAME), or name another folder."
         )
+    for path, actor in held_out.items():
+        seen = next((str(one) for one, name in training.items() if name == actor), None)
+        if seen is not None:
+            raise UserError(
+                f"{path}: actor {actor} is held out here but a training actor in {seen}: figures "
+                "on a known person mean nothing; leave one of the files out, or prepare both with "
+                "--held-out."
+            )
     return tuple(training), held_out
 
 
-def _refuse_missing_settings(path: Path, study: Study) -> None:
+def _refuse_missing_settings(path: Path, options: TablesOptions) -> None:
     with SequenceFile(path) as file:
-        for setting in study.settings:
-            find_shots(file, find_protocol(file, None), FewshotChoice(setting, study.list_name))
+        protocol = find_protocol(file, None)
+        known = {shots.name for shots in protocol.shots}
+        for setting in options.settings:
+            if setting not in known:
+                raise UserError(
+                    f"{path}: actor {file.header.actor} has no setting {setting} in protocol "
+                    f"{protocol.name}: its {len(file.header.frames)} frames are too few, or there "
+                    f"is no such setting; there are {', '.join(sorted(known))}. Leave it out "
+                    "(--settings), or prepare a longer sequence."
+                )
+            find_shots(file, protocol, FewshotChoice(setting, options.list))
 
 
 def _steps_done(folder: Path) -> int:
