@@ -16,7 +16,7 @@ def write_curve_plot(path: Path, lines: Sequence[Line]) -> bool:
         path: of the PNG.
         lines: mean curves; each setting has its row of the figure.
     """
-    drawn = [line for line in lines if all(p.lpips_x1000 is not None for p in line.points)]
+    drawn = [line for line in lines if _distances(line) is not None]
     if not drawn:
         return False
     settings = list(dict.fromkeys(line.setting for line in drawn))
@@ -46,7 +46,14 @@ def legend_of(line: Line) -> str:
 def _draw(axes: Axes, lines: Sequence[Line], *, against_time: bool) -> None:
     for line in lines:
         places = [point.seconds if against_time else point.step for point in line.points]
-        values = [point.lpips_x1000 for point in line.points]
-        axes.plot(places, values, marker="o", ms=3, lw=1.2, label=legend_of(line))
+        values = _distances(line)
+        if values is not None:
+            axes.plot(places, values, marker="o", ms=3, lw=1.2, label=legend_of(line))
     axes.set_xscale("log")
     axes.grid(alpha=0.3)
+
+
+def _distances(line: Line) -> list[float] | None:
+    """LPIPS of every point; None where one was not measured."""
+    values = [point.lpips_x1000 for point in line.points if point.lpips_x1000 is not None]
+    return values if len(values) == len(line.points) else None

@@ -1,5 +1,6 @@
 """What each part of ActorsNeRF earns: trainings with it against trainings without, in pairs."""
 
+import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class PartGain:
         """Whether the gain, or loss, stands out of the spread over pairs."""
         if self.gain.spread is None:
             return False
-        return abs(self.gain.value) > NOISE * self.gain.spread / self.pairs**0.5
+        return abs(self.gain.value) > NOISE * self.gain.spread / math.sqrt(self.pairs)
 
 
 def part_gains(entries: Sequence[Entry], convention: ConventionName) -> tuple[PartGain, ...]:
