@@ -31,7 +31,7 @@ from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.pose_plans import PosePlans
 from actorsnerf_model.skinning import blend
 from actorsnerf_model.sparse_conv import FeatureLevel, SparseConfig, SparseNet, query
-from actorsnerf_model.states import FieldValues, Located, PoseState
+from actorsnerf_model.states import DensityFirst, Located, PoseState
 from actorsnerf_model.vertex_weights import recovered_weights
 from actorsnerf_model.view_field import ViewField, ViewFieldConfig
 
@@ -200,17 +200,23 @@ class NeuralBody(LearnedMethod[BodyAtRest, NeuralBodyState, NeuralBodyState]):
         index = (likelihood >= threshold).nonzero()[:, 0]
         return Located(index, points[index], likelihood[index])
 
-    def field(self, actor: NeuralBodyState, pose: PoseState, located: Located) -> FieldValues:
-        """Colour and density at located points."""
+    def field(self, actor: NeuralBodyState, pose: PoseState, located: Located) -> DensityFirst:
+        """Density at located points, and the colour of those that can be seen."""
         assert isinstance(pose, NeuralBodyPose)
-        points = located.canonical
+        points, sides, latent = located.canonical, located.directions, pose.latent
         with torch.autocast(points.device.type, enabled=False):
             features = query(pose.levels, points)
         with self._networks(points):
             hidden = self.radiance.hidden(features)
             density = self.radiance.density(hidden, points.dtype)
-            rgb = self.radiance.rgb(hidden, points, located.directions, pose.latent)
-        return FieldValues(rgb, density)
+
+        def paint(which: Tensor | None) -> Tensor:
+            some = slice(None) if which is None else which
+            seen = None if sides is None else sides[some]
+            with self._networks(points):
+                return self.radiance.rgb(hidden[some], points[some], seen, latent)
+
+        return DensityFirst(density, paint)
 
     def _networks(self, like: Tensor) -> AbstractContextManager[None]:
         return torch.autocast(

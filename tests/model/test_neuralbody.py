@@ -20,7 +20,7 @@ from actorsnerf_model.render import render_pixels
 from actorsnerf_model.sparse_conv import query
 from actorsnerf_model.states import (
     Camera,
-    FieldValues,
+    DensityFirst,
     Located,
     Method,
     PoseState,
@@ -161,7 +161,7 @@ def test_rays_bring_the_directions(support_views: Views, monkeypatch: pytest.Mon
     rays = some_rays(views[3])
     field, asked = method.field, []
 
-    def spied(actor: NeuralBodyState, pose: PoseState, located: Located) -> FieldValues:
+    def spied(actor: NeuralBodyState, pose: PoseState, located: Located) -> DensityFirst:
         asked.append(located)
         return field(actor, pose, located)
 

@@ -219,6 +219,18 @@ def category_run(people: People, quick: Changes, tmp_path_factory: pytest.TempPa
 
 
 @pytest.fixture(scope="session")
+def neuralbody_run(
+    people: People, quick: Changes, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """The folder of a finished fitting of Neural Body; read it, do not write it."""
+    run = tmp_path_factory.mktemp("runs") / "neuralbody"
+    resources = Resources(workers=0, check=False)
+    options = FewshotOptions(people.eve, run, "scratch", "fewshot-5", change=quick, use=resources)
+    run_fewshot(replace(options, method="neuralbody", preset="tiny"))
+    return run
+
+
+@pytest.fixture(scope="session")
 def fewshot_run(
     people: People, quick: Changes, category_run: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:

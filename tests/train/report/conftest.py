@@ -6,6 +6,7 @@ import torch
 
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.neuralbody import NeuralBodyState
 from actorsnerf_train.machine import Machine
 from actorsnerf_train.report.frames import Frame, Health, report_frames
 from actorsnerf_train.report.measure import Contestant, Effort, Measured, Spread, measure
@@ -38,6 +39,12 @@ def trained(fewshot_run: Path) -> TrainedActor[ActorsNeRFState]:
         actor.method.radiance.density_out.weight.mul_(30)  # type: ignore[attr-defined]  # ActorsNeRF
         actor.method.radiance.density_out.bias.add_(6)  # type: ignore[attr-defined]  # ActorsNeRF
     return actor
+
+
+@pytest.fixture(scope="session")
+def neuralbody(neuralbody_run: Path) -> TrainedActor[NeuralBodyState]:
+    """The same of Neural Body, as it was trained."""
+    return load_trained(neuralbody_run, torch.device("cpu"))
 
 
 @pytest.fixture(scope="session")

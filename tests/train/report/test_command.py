@@ -62,6 +62,25 @@ def test_a_report_leaves_json_table_and_plot(options: ReportOptions) -> None:
     assert "LPIPS not computed" in text and f"**Use `{actor['recommended']}`**" in text
 
 
+def test_a_report_on_neural_body(options: ReportOptions, neuralbody_run: Path) -> None:
+    """Its shell is exact, its training step the reference's; it has no parts to leave out."""
+    run_report(
+        dataclasses.replace(
+            options,
+            checkpoints=(neuralbody_run,),
+            points=("fast",),
+            reference_share=0.2,
+            training=True,
+            scaling=True,
+        )
+    )
+    (actor,) = json.loads((options.out / "report.json").read_text())["actors"]
+    assert actor["method"] == "neuralbody"
+    assert [row["name"] for row in actor["points"]][-1] == "fast"
+    assert actor["points"][1]["reference_largest"] <= 1 / 255
+    assert actor["parts"] == [] and len(actor["training"]) == 2
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

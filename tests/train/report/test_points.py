@@ -8,13 +8,16 @@ from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.baking import BakeOptions, BakeReport
 from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
+from actorsnerf_model.neuralbody import NeuralBody, NeuralBodyState
 from actorsnerf_model.states import RenderOptions
+from actorsnerf_train.report.contestants import contestants
 from actorsnerf_train.report.points import (
     POINTS,
     at_named_point,
     at_point,
     named_point,
     options_at,
+    skips_empty,
     where_filled,
 )
 from actorsnerf_train.trained import Baking, TrainedActor
@@ -86,6 +89,19 @@ def test_empty_cells_are_made_once_and_shared(trained: TrainedActor[ActorsNeRFSt
     every = trained.method.locate(trained.state, pose, points, 0.01).index
     kept = fast.method.locate(filled, pose, points, 0.01).index
     assert 0 < len(kept) <= len(every)  # so little training leaves fog nearly everywhere
+
+
+def test_without_a_canonical_space_no_cells_are_passed_over(
+    neuralbody: TrainedActor[NeuralBodyState],
+) -> None:
+    assert skips_empty(neuralbody, named_point("fast")) is False
+    fast = at_named_point(neuralbody, "fast")
+    assert isinstance(fast.method, NeuralBody)
+    assert fast.method.network_dtype == torch.bfloat16
+    assert fast.config.render.stop_transmittance == 1e-2
+    assert [one.actor.state for one in contestants(neuralbody, POINTS[:5], ())] == [
+        neuralbody.state
+    ] * 5
 
 
 def test_a_baked_actor_has_no_operating_points(trained: TrainedActor[ActorsNeRFState]) -> None:

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.neuralbody import NeuralBodyState
 from actorsnerf_train.checkpoint import Stage
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.report.training import Step, largest_error, make_step, training_row
@@ -31,6 +32,17 @@ def test_both_ways_have_the_same_loss_and_gradients(step: Step) -> None:
     assert row.gradient_error < 1e-3, row.worst_parameter
     assert row.seconds.median > 0 and row.reference_seconds.median > 0
     assert row.faster == row.reference_seconds.median / row.seconds.median
+
+
+def test_neural_body_has_the_references_gradients_too(
+    neuralbody: TrainedActor[NeuralBodyState], people: "People"
+) -> None:
+    """Those of the frame's own code among them."""
+    step = make_step("fewshot", neuralbody, people.eve, Perceptual(None), 0)
+    row = training_row(step, 1)
+    assert row.loss_difference < 1e-5
+    assert row.gradient_error < 1e-3, row.worst_parameter
+    assert step.gradients()["codes.frames"].abs().max() > 0
 
 
 def test_each_stage_trains_its_own_parts_and_keeps_the_weights(step: Step) -> None:

@@ -12,6 +12,7 @@ from actorsnerf_train.report.points import (
     OperatingPoint,
     PointName,
     at_point,
+    skips_empty,
     where_filled,
 )
 from actorsnerf_train.trained import TrainedActor, load_baked
@@ -31,7 +32,8 @@ def contestants(
     Raises:
         BakedFileError: no such file, or it is no baked actor.
     """
-    filled = where_filled(trained) if any(point.skip_empty for point in points) else None
+    asked = any(skips_empty(trained, point) for point in points)
+    filled = where_filled(trained) if asked else None
     drawing = [contestant_of(trained, point, filled) for point in points]
     loaded = [load_baked(path, trained.device) for path in baked]
     return drawing + [contestant_of(one) for one in loaded if one.actor == trained.actor]

@@ -12,6 +12,7 @@ import torch
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
+from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.states import RenderOptions
 from actorsnerf_train.config import Precision
 from actorsnerf_train.methods import DTYPES
@@ -60,7 +61,8 @@ class OperatingPoint:
     pixel_tolerance: float = 0.0
     """Difference in colour up to which pixels inside the person are interpolated."""
     skip_empty: bool = False
-    """Pass over canonical cells where the actor has no density (`filled_cells`)."""
+    """Pass over canonical cells where the actor has no density (`filled_cells`); does nothing where
+    the method has no canonical space."""
 
 
 POINTS: tuple[OperatingPoint, ...] = (
@@ -145,6 +147,12 @@ def where_filled(trained: TrainedActor[Any]) -> FilledActor[Any]:
         )
 
 
+def skips_empty(trained: TrainedActor[Any], point: OperatingPoint) -> bool:
+    """Whether the point asks for it, and the actor has cells that are the same in all poses."""
+    method = trained.method
+    return point.skip_empty and isinstance(method, LearnedMethod) and method.canonical_space
+
+
 def at_point(
     trained: TrainedActor[Any], point: OperatingPoint, filled: FilledActor[Any] | None = None
 ) -> TrainedActor[Any]:
@@ -164,7 +172,7 @@ def at_point(
     cells = max(method.config.occupancy_threshold, options.threshold)
     method.config = replace(method.config, occupancy_threshold=cells)
     tuned = replace(trained, method=method, config=replace(trained.config, render=options))
-    if not point.skip_empty:
+    if not skips_empty(trained, point):
         return tuned
     return replace(tuned, method=SkipEmpty(method), state=filled or where_filled(trained))
 
@@ -195,5 +203,6 @@ __all__ = [
     "at_point",
     "named_point",
     "options_at",
+    "skips_empty",
     "where_filled",
 ]

@@ -47,7 +47,7 @@ def reference_step(
     count = sample.patches.shape[0]
     total = 0.0
     for patch in torch.split(sample.patches, 1):
-        pose = method.pose_state(leaf, target.pose, target.rest_joints)
+        pose = method.pose_state(leaf, target.pose, target.rest_joints, target.frame)
         rays = rays_through(patch.reshape(-1, 2).to(target.K.dtype), camera_of(target))
         seen = reference_render_pixels(method, leaf, pose, rays, objective.options, generator)
         truth = at_pixels(picture, patch)
