@@ -13,6 +13,7 @@ from actorsnerf_train.report.measure import Contestant, Effort, Measured, Spread
 from actorsnerf_train.report.points import PointName, at_point, named_point
 from actorsnerf_train.report.rows import (
     ActorReport,
+    LearningRow,
     PartRow,
     PointRow,
     ScalingRow,
@@ -128,6 +129,7 @@ def report() -> SpeedReport:
         recommended="fast",
         scaling=(ScalingRow("picture", "160x120", 0.25, 1001, 4321),),
         training=(TrainingRow("pretrain", 4, 32, 128, spread, spread, 7.5, 1e-6, 2e-5, "a.b"),),
+        learning=(LearningRow(20.0, 100, 60.0, 450.0), LearningRow(21.5, 150, 90.0, None)),
         parts=(
             PartRow("nothing", spread, 1.4e6, 1e6, 640),
             PartRow("deformation", spread, 1e6, 1e6, 640),

@@ -27,6 +27,9 @@ def test_work_follows_the_person_and_the_samples_not_the_picture(
     samples = by_what["samples per ray"]
     assert [value for value, _, _ in samples] == ["3", "6", "12", "24"]
     assert 3 < samples[3][2] / samples[1][2] < 5
+    bones = by_what["bones"]
+    assert [value for value, _, _ in bones] == ["6", "12", "24"]
+    assert bones[0][2] < bones[1][2] < bones[2][2] == samples[2][2]
 
 
 def test_parts_cost_what_they_multiply(

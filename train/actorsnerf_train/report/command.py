@@ -22,6 +22,7 @@ from actorsnerf_train.options import ready_perceptual
 from actorsnerf_train.report.contestants import chosen_points, contestants, refuse_strangers
 from actorsnerf_train.report.errors import errors, health
 from actorsnerf_train.report.frames import Frame, file_of, report_frames
+from actorsnerf_train.report.learning import learning_rows
 from actorsnerf_train.report.measure import Contestant, Effort, Measured, measure
 from actorsnerf_train.report.memory import MemoryJob, peak_memory
 from actorsnerf_train.report.plot import write_plot
@@ -183,6 +184,7 @@ def _actor_report(
         recommended=best,
         scaling=scaling,
         training=steps,
+        learning=learning_rows(trained.path.parent.parent, trained.info.step, steps),
         parts=parts,
     )
     return report, measured

@@ -92,6 +92,19 @@ class TrainingRow:
 
 
 @dataclass(frozen=True)
+class LearningRow:
+    """When the fitting reached a quality."""
+
+    psnr: float
+    """Of its curve's pictures, convention `box`."""
+    step: int
+    seconds: float
+    """Of training."""
+    reference_seconds: float | None
+    """The same number of steps at the reference's pace."""
+
+
+@dataclass(frozen=True)
 class PartRow:
     """The model with a part left out; only its time, as its weights were trained with the part."""
 
@@ -125,6 +138,8 @@ class ActorReport:
     recommended: str
     scaling: tuple[ScalingRow, ...]
     training: tuple[TrainingRow, ...]
+    learning: tuple[LearningRow, ...]
+    """Empty for a run that was not measured as it learned."""
     parts: tuple[PartRow, ...]
 
 
@@ -200,6 +215,7 @@ def _row(
 
 __all__ = [
     "ActorReport",
+    "LearningRow",
     "PartRow",
     "PointRow",
     "ScalingRow",

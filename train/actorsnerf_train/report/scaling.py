@@ -1,4 +1,4 @@
-"""What a frame's time depends on: the person's pixels, samples and views; not the picture.
+"""What a frame's time depends on: the person's pixels, samples, bones, views; not the picture.
 
 The point is `complete`, one frame: every sample in the shell, so that work can be foretold.
 """
@@ -9,7 +9,10 @@ from typing import Any
 
 import torch
 
+from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_model.occupancy import occupancy_tables
+from actorsnerf_model.skinning_bounds import skinning_bounds
 from actorsnerf_model.states import Counts
 from actorsnerf_train.methods import build_method
 from actorsnerf_train.report.frames import Frame, resized
@@ -23,11 +26,13 @@ PERSONS = (0.5, 1.0, 2.0)
 """Sides of the person and the picture, as multiples."""
 SAMPLES = (0.25, 0.5, 1.0, 2.0)
 """Samples per ray, as multiples of the training's."""
+BONES = (6, 12, 24)
+"""Bones that act, those that hold most first."""
 UNSHARED = Effort(rounds=1, share=1.0, seed=0)
 
 
 def scaling_rows(complete: Contestant, frame: Frame, rounds: int) -> tuple[ScalingRow, ...]:
-    """The frame in larger pictures, with a larger person, and with more samples, in turns."""
+    """The frame in larger pictures, a larger person, more samples and fewer bones, in turns."""
     width, height = frame.camera.size
     cases: list[tuple[str, str, Contestant, Frame]] = []
     for factor in PICTURES:
@@ -45,6 +50,8 @@ def scaling_rows(complete: Contestant, frame: Frame, rounds: int) -> tuple[Scali
         actor = replace(complete.actor, config=replace(config, render=options))
         one = replace(complete, actor=actor)
         cases.append(("samples per ray", str(samples), one, frame))
+    if isinstance(complete.actor.state, ActorsNeRFState):
+        cases += [("bones", str(n), _with_bones(complete, n), frame) for n in BONES]
     timed = _in_turns([(who, what) for _, _, who, what in cases], rounds)
     return tuple(
         ScalingRow(varied, value, spread(times).median, counts.rays, counts.survivors)
@@ -85,6 +92,21 @@ def part_rows(
 
 
 @torch.no_grad()
+def _with_bones(complete: Contestant, count: int) -> Contestant:
+    """The contestant whose other bones hold nothing: where they did, the actor is not."""
+    state = complete.actor.state
+    volume = state.body.skinning
+    held = volume.weights.flatten(1).sum(1)
+    acts = torch.zeros_like(held).index_fill_(0, held.topk(count).indices, 1.0)
+    volume = replace(volume, weights=volume.weights * acts[:, None, None, None])
+    bounds = skinning_bounds(volume)
+    tables = occupancy_tables(volume, bounds)
+    body = replace(state.body, skinning=volume, bounds=bounds, occupancy=tables)
+    actor = replace(complete.actor, state=replace(state, body=body))
+    return replace(complete, actor=actor)
+
+
+@torch.no_grad()
 def _rebuilt(
     trained: TrainedActor[Any], complete: Contestant, model: ActorsNeRFConfig
 ) -> Contestant:
@@ -116,4 +138,4 @@ def _in_turns(
     return list(zip(times, counts, strict=True))
 
 
-__all__ = ["PERSONS", "PICTURES", "SAMPLES", "part_rows", "scaling_rows"]
+__all__ = ["BONES", "PERSONS", "PICTURES", "SAMPLES", "part_rows", "scaling_rows"]

@@ -8,7 +8,14 @@ from actorsnerf_train.records import to_json_object
 from actorsnerf_train.report.choice import LOSS, LPIPS_LOSS, NEAREST
 from actorsnerf_train.report.errors import SAME
 from actorsnerf_train.report.measure import Spread
-from actorsnerf_train.report.rows import ActorReport, PartRow, PointRow, SpeedReport, TrainingRow
+from actorsnerf_train.report.rows import (
+    ActorReport,
+    LearningRow,
+    PartRow,
+    PointRow,
+    SpeedReport,
+    TrainingRow,
+)
 from actorsnerf_train.result import Json
 
 SCHEMA = "actorsnerf-speed-report"
@@ -84,6 +91,7 @@ def _actor(actor: ActorReport) -> list[str]:
         *_useless(actor.points),
         *_scaling(actor),
         *_training(actor.training),
+        *_learning(actor.learning),
         *_parts(actor.parts),
     ]
 
@@ -126,7 +134,7 @@ def _scaling(actor: ActorReport) -> list[str]:
         "### What the time depends on",
         "",
         "The point `complete`, one frame; the cost follows the person's pixels and the samples on "
-        "them, not the picture.",
+        "them, not the picture. Without some bones, the body parts that they hold are gone.",
         "",
         "| varied | to | ms a frame | rays | samples through networks |",
         "|---|---|---|---|---|",
@@ -157,6 +165,26 @@ def _training(rows: tuple[TrainingRow, ...]) -> list[str]:
             f"| {row.stage} | {row.patches} of {row.side}x{row.side} | {row.samples_per_ray} | "
             f"{_spread(row.seconds)} | {_spread(row.reference_seconds)} | {row.faster:.1f} | "
             f"{row.loss_difference:.1e} | {row.gradient_error:.1e} ({row.worst_parameter}) |"
+        )
+    return [*lines, ""]
+
+
+def _learning(rows: tuple[LearningRow, ...]) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "### Time to a quality",
+        "",
+        "A few unseen pictures, measured as the actor was fitted (measuring is not counted); the "
+        "reference's time is ours times the ratio of a few-shot step, above.",
+        "",
+        "| PSNR | step | s of training | reference, s |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.psnr:.2f} | {row.step} | {row.seconds:.0f} | "
+            f"{_or_dash(row.reference_seconds, '.0f')} |"
         )
     return [*lines, ""]
 
