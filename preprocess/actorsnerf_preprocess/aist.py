@@ -53,10 +53,14 @@ SYNTHETIC_SIGN = "synthetic.json"
 """A file of this name at the root marks a tree written by our own generator."""
 
 
-def find_aist(root: Path) -> tuple[Found, ...]:
+def find_aist(root: Path, unfilmed: bool = False) -> tuple[Found, ...]:
     """The sequences below a folder that have a motion and at least one video, by name.
 
     Empty if the folder holds no AIST++ annotations.
+
+    Args:
+        root: the folder.
+        unfilmed: also those without a video.
 
     Raises:
         SourceError: the annotations are incomplete, or there are no videos.
@@ -64,7 +68,7 @@ def find_aist(root: Path) -> tuple[Found, ...]:
     tree = find_tree(root)
     if tree is None:
         return ()
-    sequences = [name for name in tree.sequences() if name in tree.videos]
+    sequences = [name for name in tree.sequences() if unfilmed or name in tree.videos]
     if not sequences:
         raise SourceError(
             f"{root}: {len(tree.sequences())} motions but none of their videos; accept the terms at"
@@ -121,7 +125,7 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
     cameras = tuple(view.camera for view in seen.views)
     require_plausible_distance(cameras, fits.world_from_body[:, :3, 3])
     names = [camera.name for camera in cameras]
-    protocol = _protocol(found.name, options, names, seen.protocol_frames)
+    protocol = dance_protocol(found.name, options, names, seen.protocol_frames)
     return SourceSequence(
         found=found,
         actor=dancer_of(found.name),
@@ -169,7 +173,10 @@ def _body_model(found: Found, options: OpenOptions) -> tuple[BodyModel, str, tup
     return model, options.body_model.stem, (Finding("warning", "body model", sentence),)
 
 
-def _protocol(sequence: str, options: OpenOptions, cameras: list[str], frames: Int64) -> Protocol:
+def dance_protocol(
+    sequence: str, options: OpenOptions, cameras: list[str], frames: Int64
+) -> Protocol:
+    """The published protocol of a sequence, or the generic one with the role the user gave."""
     official = protocols.aist_protocol(sequence, cameras, frames)
     if official is not None:
         return official

@@ -7,8 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from actorsnerf_datasets.protocols import needed_pairs
-from actorsnerf_preprocess.aist_names import video_name
-from actorsnerf_preprocess.source import Found, OpenOptions
+from actorsnerf_preprocess.aist import dance_protocol
+from actorsnerf_preprocess.aist_annotations import read_motion
+from actorsnerf_preprocess.aist_inspection import chosen_frames
+from actorsnerf_preprocess.aist_names import CAMERA_NAMES, video_name
+from actorsnerf_preprocess.aist_tree import find_tree
+from actorsnerf_preprocess.source import Found, OpenOptions, SourceError
 from actorsnerf_preprocess.zju_choice import CANDIDATES, fit_folders
 from actorsnerf_preprocess.zju_converted import is_converted_tree, read_converted_tree
 from actorsnerf_preprocess.zju_fits import fit_file
@@ -35,6 +39,8 @@ class Need:
     what: str
     needed: int
     missing: tuple[Path, ...]
+    which: tuple[str, ...] = ()
+    """What is needed, in lines for the user."""
 
 
 def needs_of(found: Found, options: OpenOptions) -> tuple[Need, ...]:
@@ -45,7 +51,9 @@ def needs_of(found: Found, options: OpenOptions) -> tuple[Need, ...]:
     """
     if is_zju_tree(found.path):
         return _zju_needs(found, options)
-    return _converted_needs(found, options) if is_converted_tree(found.path) else _aist_needs(found)
+    if is_converted_tree(found.path):
+        return _converted_needs(found, options)
+    return _aist_needs(found, options)
 
 
 def need_lines(found: Found, needs: tuple[Need, ...]) -> list[str]:
@@ -53,6 +61,7 @@ def need_lines(found: Found, needs: tuple[Need, ...]) -> list[str]:
     lines = [f"{found.name}:"]
     for need in needs:
         lines.append(f"  {need.what}: {need.needed} needed, {len(need.missing)} missing")
+        lines += [f"    {line}" for line in need.which]
         per_folder = Counter(str(path.parent) for path in need.missing)
         for folder, count in list(per_folder.items())[:5]:
             first = next(path.name for path in need.missing if str(path.parent) == folder)
@@ -77,6 +86,12 @@ def _zju_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
     masked = {pair for masks in tree.mask_sets for pair in masks.files}
     masks = [tree.root / "mask_cihp" / tree.pictures[p] for p in wanted if p not in masked]
     frames = sorted({tree.frames[position] for _, position in wanted})
+    which = _which(
+        {
+            name: tuple(tree.frames[position] for each, position in wanted if each == camera)
+            for camera, name in enumerate(tree.camera_names)
+        }
+    )
     folders = (*fit_folders(tree.root), CANDIDATES[0])[0]
     fits = [
         tree.root / folders.parameters / f"{frame}.npy"
@@ -84,7 +99,7 @@ def _zju_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
         if fit_file(tree.root / folders.parameters, frame) is None
     ]
     return (
-        Need("pictures", len(wanted), tuple(pictures)),
+        Need("pictures", len(wanted), tuple(pictures), which),
         Need("masks", len(wanted), tuple(path.with_suffix(".png") for path in masks)),
         Need(f"fits ({folders.parameters})", len(frames), tuple(fits)),
     )
@@ -99,17 +114,57 @@ def _converted_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
     files = [tree.picture_files(camera, tree.frames[position]) for camera, position in wanted]
     images = [tree.root / each.image for each in files]
     masks = [tree.root / name for each in files for name in each.masks]
+    which = _which(
+        {
+            f"camera {name}": tuple(tree.frames[f] for c, f in wanted if c == index)
+            for index, name in enumerate(names)
+        }
+    )
     return (
-        Need("pictures", len(images), tuple(path for path in images if not path.is_file())),
+        Need("pictures", len(images), tuple(path for path in images if not path.is_file()), which),
         Need("masks", len(masks), tuple(path for path in masks if not path.is_file())),
         Need("cameras (cameras.pkl)", len(tree.folders), ()),
         Need("fits (mesh_infos.pkl)", 1, ()),
     )
 
 
-def _aist_needs(found: Found) -> tuple[Need, ...]:
-    """Videos of the cameras c01 to c08."""
-    names = [video_name(found.name, f"c{number:02d}") for number in range(1, 9)]
-    there = {path.name for path in found.path.rglob("*.mp4")}
-    missing = tuple(Path(f"{name}.mp4") for name in names if f"{name}.mp4" not in there)
-    return (Need("videos", len(names), missing),)
+def _aist_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
+    """The videos of the protocol's cameras: for pre-training, that of the first alone.
+
+    Raises:
+        SourceError: the motion cannot be read.
+    """
+    tree = find_tree(found.path)
+    if tree is None:
+        raise SourceError(f"{found.path}: there are no AIST++ annotations below it.")
+    cameras = CAMERA_NAMES[:8]
+    frames, _ = chosen_frames(len(read_motion(tree.motions / f"{found.name}.pkl").poses))
+    protocol = dance_protocol(found.name, options, list(cameras), frames)
+    pairs = needed_pairs(protocol)
+    if options.pairs == "protocol":
+        cameras = tuple(name for name in cameras if any(pair[0] == name for pair in pairs))
+    there = tree.videos.get(found.name, {})
+    names = {camera: f"{video_name(found.name, camera)}.mp4" for camera in cameras}
+    missing = tuple(Path(name) for camera, name in names.items() if camera not in there)
+    return (Need("videos", len(names), missing, tuple(names.values())),)
+
+
+def _which(frames: dict[str, tuple[int, ...]]) -> tuple[str, ...]:
+    """The frames that each camera needs; cameras that need the same share a line.
+
+    >>> _which({"B1": (0, 1, 2), "B2": (30, 40), "B3": (30, 40), "B4": ()})
+    ('B1: 3 frames, 0 to 2', 'B2 to B3: 2 frames each, 30, 40')
+    """
+    groups: dict[tuple[int, ...], list[str]] = {}
+    for name, numbers in frames.items():
+        groups.setdefault(numbers, []).append(name)
+    lines = []
+    for numbers, names in groups.items():
+        if not numbers:
+            continue
+        whole = numbers == tuple(range(numbers[0], numbers[-1] + 1))
+        listed = f"{numbers[0]} to {numbers[-1]}" if whole else ", ".join(map(str, numbers))
+        cameras = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+        each = "" if len(names) == 1 else " each"
+        lines.append(f"{cameras}: {len(numbers)} frame{'s'[: len(numbers) > 1]}{each}, {listed}")
+    return tuple(lines)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
-from actorsnerf_preprocess.aist_names import dancer_of, expanded_selection
+from actorsnerf_preprocess.aist_names import PAPER_SEQUENCES, dancer_of, expanded_selection
 from actorsnerf_preprocess.source import Found, OpenOptions, SourceError, SourceSequence, Survey
 from actorsnerf_preprocess.zju import find_zju, open_zju, survey_zju
 from actorsnerf_preprocess.zju_converted import is_converted_tree
@@ -21,15 +21,21 @@ HELD_OUT_FILE = "held_out.txt"
 """Names of held-out actors, one per line, at the top of a source folder."""
 
 
-def find_sources(root: Path) -> tuple[Found, ...]:
+def find_sources(root: Path, unfilmed: bool = False) -> tuple[Found, ...]:
     """The sequences below a folder, by name.
+
+    Args:
+        root: the folder.
+        unfilmed: also AIST++'s without a video.
 
     Raises:
         SourceError: the folder does not exist, or holds no data set, or two of them.
     """
     if not root.is_dir():
         raise SourceError(f"{root}: no such folder; --source names the folder of the download.")
-    zju, aist = find_zju(root), find_aist(root)
+    zju = find_zju(root)
+    # With another data set beside it, AIST++ is told by its annotations alone.
+    aist = find_aist(root, unfilmed=unfilmed or bool(zju))
     if zju and aist:
         raise SourceError(
             f"{root}: holds ZJU-MoCap ({zju[0].name}, ...) and AIST++ ({aist[0].name}, ...): pass "
@@ -78,6 +84,24 @@ def selected(found: Sequence[Found], names: Sequence[str]) -> tuple[Found, ...]:
             raise SourceError(f"{found[0].path.parent}: has no sequence {name!r}; it has {there}.")
         wanted.update({each.name: each for each in matches})
     return tuple(wanted.values())
+
+
+def find_wanted(root: Path, names: Sequence[str]) -> tuple[Found, ...]:
+    """The sequences of the given names, whose videos need not be there yet.
+
+    Without names, all that can be prepared; of AIST++ annotations without any video, the paper's
+    thirty, or all where none of those is among them.
+
+    Raises:
+        SourceError: the folder holds no data set, or a name is not among its sequences.
+    """
+    found = find_sources(root, unfilmed=True)
+    if names or _is_zju(found[0]):
+        return selected(found, names)
+    try:
+        return find_aist(root)
+    except SourceError:
+        return tuple(each for each in found if each.name in PAPER_SEQUENCES) or found
 
 
 def survey_source(found: Found, options: OpenOptions) -> Survey:

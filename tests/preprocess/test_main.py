@@ -1,4 +1,7 @@
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -117,6 +120,26 @@ def test_one_bad_sequence_does_not_stop_the_others(
     captured = capsys.readouterr()
     assert "CoreView_313/annots.npy" in captured.err
     assert (tmp_path / "out" / "CoreView_377.h5").is_file()
+
+
+def test_what_is_wrong_with_the_command_is_said_once(
+    raw: Path, write_zju: WriteTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_zju(raw / "CoreView_386", frames=range(1), cameras=1)
+    command = arguments("prepare", "--source", raw, "--out", tmp_path / "out", "--workers", 1)
+    assert main([*command, "--body-model", "gone.pkl"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: gone.pkl: no such body-model file")
+
+
+def test_output_that_nobody_reads_ends_the_command(raw: Path) -> None:
+    command = [sys.executable, "-m", "actorsnerf_preprocess", "inspect", "--source", str(raw)]
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert done.returncode == 141
+    assert done.stderr == ""
 
 
 def test_synthetic_writes_what_its_preset_and_numbers_say(

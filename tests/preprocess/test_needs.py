@@ -5,7 +5,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
+from actorsnerf_preprocess.aist import find_aist
 from actorsnerf_preprocess.needs import ORIGINS, Need, need_lines, needs_of
 from actorsnerf_preprocess.source import Found, OpenOptions
 from actorsnerf_preprocess.zju import find_zju
@@ -21,7 +23,8 @@ def test_missing_files_of_the_protocol_are_listed(tmp_path: Path, write_zju: Wri
     # The protocol does not need the second camera.
     (tree.root / "Camera_B2" / "000001.jpg").unlink()
     pictures, masks, fits = needs_of(find_zju(tmp_path)[0], OpenOptions())
-    assert pictures == Need("pictures", 4, (tree.root / "Camera_B1" / "000001.jpg",))
+    lost = (tree.root / "Camera_B1" / "000001.jpg",)
+    assert pictures == Need("pictures", 4, lost, ("Camera_B1: 4 frames, 0 to 3",))
     assert masks == Need("masks", 4, (tree.root / "mask_cihp" / "Camera_B1" / "000002.png",))
     assert fits == Need("fits (new_params)", 4, (tree.root / "new_params" / "3.npy",))
 
@@ -32,13 +35,25 @@ def test_all_pairs_need_all_pictures(tmp_path: Path, write_zju: WriteTree) -> No
     assert [need.needed for need in needs] == [12, 12, 4]
 
 
-def test_the_videos_of_a_dance_are_listed(tmp_path: Path) -> None:
-    (tmp_path / "videos").mkdir()
-    (tmp_path / "videos" / "gBR_sFM_c01_d04_mBR0_ch01.mp4").touch()
-    found = Found("gBR_sFM_cAll_d04_mBR0_ch01", tmp_path, "AIST++", "aist++")
-    (need,) = needs_of(found, OpenOptions())
-    assert (need.needed, len(need.missing)) == (8, 7)
-    assert need.missing[0] == Path("gBR_sFM_c02_d04_mBR0_ch01.mp4")
+@pytest.mark.parametrize(("held_out", "needed"), [((), ["c01"]), (("d31",), [*"12345678"])])
+def test_a_dance_needs_the_videos_of_its_role(
+    held_out: tuple[str, ...], needed: list[str], tmp_path: Path, write_aist: Any
+) -> None:
+    """Pre-training sees only the first camera; a held-out dancer is seen by eight."""
+    aist = write_aist(tmp_path, frames=12)  # enough for a few-shot list
+    names = [aist.name.replace("cAll", f"c0{each[-1]}") + ".mp4" for each in needed]
+    (found,) = find_aist(aist.root)
+    (need,) = needs_of(found, OpenOptions(held_out=held_out))
+    assert (need.what, need.needed, list(need.which)) == ("videos", len(needed), names)
+    assert [path.name for path in need.missing] == names[3:]  # three views are there
+    (every,) = needs_of(found, OpenOptions(pairs="all"))
+    assert every.needed == 8
+
+
+def test_pictures_are_listed_per_camera(tmp_path: Path, write_zju: WriteTree) -> None:
+    write_zju(tmp_path / "aunt", variant="easymocap", frames=range(20))
+    pictures, *_ = needs_of(find_zju(tmp_path)[0], OpenOptions(held_out=("aunt",)))
+    assert pictures.which[1].startswith("01 to 02: 8 frames each, 12")
 
 
 def write_converted(root: Path, cameras: int, frames: int) -> None:
@@ -67,7 +82,8 @@ def test_converted_trees_say_what_they_need_too(tmp_path: Path) -> None:
     (found,) = find_zju(tmp_path)
     needs = needs_of(found, OpenOptions())
     lost = root / "0" / "masks" / "frame_000001.png"
-    assert needs[:2] == (Need("pictures", 3, ()), Need("masks", 3, (lost,)))
+    pictures = Need("pictures", 3, (), ("camera 0: 3 frames, 0 to 2",))
+    assert needs[:2] == (pictures, Need("masks", 3, (lost,)))
     assert [need.what for need in needs[2:]] == ["cameras (cameras.pkl)", "fits (mesh_infos.pkl)"]
     every = needs_of(found, OpenOptions(pairs="all"))
     assert [need.needed for need in every] == [6, 6, 2, 1]

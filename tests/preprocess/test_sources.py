@@ -1,3 +1,4 @@
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -5,9 +6,15 @@ from typing import Any
 
 import pytest
 
-from actorsnerf_preprocess import sources
+from actorsnerf_preprocess.aist_names import PAPER_SEQUENCES
 from actorsnerf_preprocess.source import Found, SourceError
-from actorsnerf_preprocess.sources import find_sources, held_out_names, require_dataset, selected
+from actorsnerf_preprocess.sources import (
+    find_sources,
+    find_wanted,
+    held_out_names,
+    require_dataset,
+    selected,
+)
 
 WriteTree = Callable[..., Any]
 
@@ -26,13 +33,34 @@ def test_a_folder_without_a_data_set_is_refused(tmp_path: Path) -> None:
 
 
 def test_two_data_sets_in_one_folder_are_refused(
-    tmp_path: Path, write_zju: WriteTree, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, write_zju: WriteTree, write_aist: WriteTree
 ) -> None:
     write_zju(tmp_path / "CoreView_377", frames=range(1), cameras=1)
-    dance = Found("gBR_sFM_cAll_d04_mBR0_ch01", tmp_path, "AIST++", "aist++")
-    monkeypatch.setattr(sources, "find_aist", lambda root: (dance,))
-    with pytest.raises(SourceError, match=r"holds ZJU-MoCap \(CoreView_377.*and AIST\+\+"):
-        find_sources(tmp_path)
+    write_aist(tmp_path)
+    for videos in (True, False):
+        if not videos:
+            shutil.rmtree(tmp_path / "aist" / "videos")
+        with pytest.raises(SourceError, match=r"holds ZJU-MoCap \(CoreView_377.*and AIST\+\+"):
+            find_sources(tmp_path)
+
+
+def test_videos_need_not_be_there_to_be_listed(tmp_path: Path, write_aist: WriteTree) -> None:
+    tree = write_aist(tmp_path, frames=2, cameras=1)
+    motions = tree.root / "annotations" / "motions"
+    other = PAPER_SEQUENCES[3]
+    shutil.copy(motions / f"{tree.name}.pkl", motions / f"{other}.pkl")
+
+    def names(*chosen: str) -> list[str]:
+        return [found.name for found in find_wanted(tree.root, chosen)]
+
+    assert names() == [tree.name], "what can be prepared"
+    assert names(other) == [other]
+    shutil.rmtree(tree.root / "videos")
+    assert names() == [other], "the paper's"
+    (motions / f"{other}.pkl").unlink()
+    assert names() == [tree.name]
+    with pytest.raises(SourceError, match="1 motions but none of their videos"):
+        find_sources(tree.root)
 
 
 def test_another_data_set_than_asked_for_is_refused(tmp_path: Path, write_zju: WriteTree) -> None:
