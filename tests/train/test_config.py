@@ -101,9 +101,9 @@ def test_each_method_has_its_fitting_alone() -> None:
 
 
 def test_only_neural_body_depends_on_who_it_is() -> None:
-    model = of_person(neuralbody("tiny"), 77, (3, 5)).model
-    assert isinstance(model, NeuralBodyConfig)
-    assert (model.vertices, model.frames) == (77, (3, 5))
-    assert model == replace(neuralbody("tiny").model, vertices=77, frames=(3, 5))
+    base = neuralbody("tiny")
+    assert isinstance(base.model, NeuralBodyConfig)
+    own = replace(base.model, vertices=77, frames=(3, 5))
+    assert of_person(base, 77, (3, 5)) == replace(base, model=own)
     for config in (humannerf("tiny"), fewshot("tiny")):
         assert of_person(config, 77, (3, 5)) == config
