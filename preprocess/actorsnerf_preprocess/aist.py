@@ -6,6 +6,7 @@ the body turns about the pelvis, frames are found by time and not by counting, p
 undistorted, and the rest pose comes from the model that the fits were made with (male).
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from actorsnerf_preprocess.aist_inspection import (
     inspect_aist,
     mask_source,
 )
-from actorsnerf_preprocess.aist_names import dancer_of
+from actorsnerf_preprocess.aist_names import CAMERA_NAMES, dancer_of
 from actorsnerf_preprocess.aist_reader import AistReader, AistScene
 from actorsnerf_preprocess.aist_tree import find_tree
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
@@ -49,6 +50,7 @@ SOURCE_TERMS = (
     "redistribution = not allowed (AIST Dance Video Database terms of use); annotations CC BY 4.0;"
     " body model under its own licence"
 )
+SYNTHETIC_TERMS = "redistribution = allowed (CC0 body, generated videos)"
 SYNTHETIC_SIGN = "synthetic.json"
 """A file of this name at the root marks a tree written by our own generator."""
 
@@ -96,9 +98,13 @@ def survey_aist(found: Found, options: OpenOptions) -> Survey:
     seen = inspect_aist(found, options)
     sizes = sorted({view.video.size for view in seen.views})
     rates = sorted({round(view.video.rate, 3) for view in seen.views})
+    needed = needed_cameras(found.name, options, seen.protocol_frames)
+    names = [view.camera.name for view in seen.views]
+    protocol = dance_protocol(found.name, options, names, seen.protocol_frames)
     facts = (
         ("sequence", found.name),
         ("dancer", dancer_of(found.name)),
+        ("protocol", f"{protocol.name}, {protocol.role}: needs {', '.join(needed)}"),
         ("camera setting", seen.setting),
         ("views", ", ".join(view.camera.name for view in seen.views) or "none"),
         ("picture size", ", ".join(f"{width} x {height}" for width, height in sizes)),
@@ -108,7 +114,7 @@ def survey_aist(found: Found, options: OpenOptions) -> Survey:
         ("frames", f"{len(seen.frames)}: {seen.frames[0]} to {seen.frames[-1]}"),
         ("masks", mask_source(seen.given, METHOD)),
     )
-    return Survey(found, facts, seen.findings)
+    return Survey(found, facts, _weighed(found, options, seen))
 
 
 def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
@@ -138,10 +144,14 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
         wanted=_wanted(protocol, options, seen),
         body_model=model_name,
         mask_source=mask_source(seen.given, METHOD if segmenter is None else segmenter.name),
-        source_terms=SOURCE_TERMS,
+        source_terms=SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS,
         notes=(*seen.notes, f"Body model {model_name}, file digest {model.digest}, zero betas."),
         source_digests=annotation_digests(found, seen),
-        findings=(*seen.findings, *model_findings, *_agreement(found, seen, fits)),
+        findings=(
+            *_weighed(found, options, seen),
+            *model_findings,
+            *_agreement(found, seen, fits),
+        ),
         reader=AistReader(
             seen.views, AistScene(seen.frames, fits, model.faces), seen.given, segmenter
         ),
@@ -182,6 +192,32 @@ def dance_protocol(
         return official
     held_out = {dancer_of(sequence), sequence} & set(options.held_out)
     return protocols.generic_protocol("held_out" if held_out else "pretraining", cameras, frames)
+
+
+def needed_cameras(sequence: str, options: OpenOptions, frames: Int64) -> tuple[str, ...]:
+    """The cameras whose videos are needed: for pre-training the first, c09 never.
+
+    Args:
+        sequence: its name.
+        options: with the roles, and whether all pictures are asked for.
+        frames: those that protocols choose from.
+    """
+    # The last stands beside the first, and the published experiments leave it out.
+    names = CAMERA_NAMES[:-1]
+    if options.pairs == "all":
+        return names
+    protocol = dance_protocol(sequence, options, list(names), frames)
+    seen = {camera for camera, _ in protocols.needed_pairs(protocol)}
+    return tuple(name for name in names if name in seen)
+
+
+def _weighed(found: Found, options: OpenOptions, seen: AistInspection) -> tuple[Finding, ...]:
+    """The findings; those on absent views that are not needed are only notes."""
+    spare = set(CAMERA_NAMES) - set(needed_cameras(found.name, options, seen.protocol_frames))
+    return tuple(
+        replace(finding, severity="note") if finding.entry in spare else finding
+        for finding in seen.findings
+    )
 
 
 def _wanted(protocol: Protocol, options: OpenOptions, seen: AistInspection) -> NDArray[np.bool_]:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from actorsnerf_datasets.protocols import needed_pairs
-from actorsnerf_preprocess.aist import dance_protocol
+from actorsnerf_preprocess.aist import needed_cameras
 from actorsnerf_preprocess.aist_annotations import read_motion
 from actorsnerf_preprocess.aist_inspection import chosen_frames
-from actorsnerf_preprocess.aist_names import CAMERA_NAMES, video_name
+from actorsnerf_preprocess.aist_names import video_name
 from actorsnerf_preprocess.aist_tree import find_tree
 from actorsnerf_preprocess.source import Found, OpenOptions, SourceError
 from actorsnerf_preprocess.zju_choice import CANDIDATES, fit_folders
@@ -137,15 +137,11 @@ def _aist_needs(found: Found, options: OpenOptions) -> tuple[Need, ...]:
     tree = find_tree(found.path)
     if tree is None:
         raise SourceError(f"{found.path}: there are no AIST++ annotations below it.")
-    cameras = CAMERA_NAMES[:8]
     frames, _ = chosen_frames(len(read_motion(tree.motions / f"{found.name}.pkl").poses))
-    protocol = dance_protocol(found.name, options, list(cameras), frames)
-    pairs = needed_pairs(protocol)
-    if options.pairs == "protocol":
-        cameras = tuple(name for name in cameras if any(pair[0] == name for pair in pairs))
     there = tree.videos.get(found.name, {})
+    cameras = needed_cameras(found.name, options, frames)
     names = {camera: f"{video_name(found.name, camera)}.mp4" for camera in cameras}
-    missing = tuple(Path(name) for camera, name in names.items() if camera not in there)
+    missing = tuple(found.path / name for camera, name in names.items() if camera not in there)
     return (Need("videos", len(names), missing, tuple(names.values())),)
 
 

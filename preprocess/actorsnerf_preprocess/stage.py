@@ -185,6 +185,31 @@ def ring(
     )
 
 
+def require_sensible(options: SyntheticOptions, most_cameras: int, tree: str) -> None:
+    """Nothing, if such a data set can be drawn.
+
+    Args:
+        options: its size.
+        most_cameras: how many the tree can have; of a single one, more are ignored.
+        tree: what it is called, with its article.
+
+    Raises:
+        SourceError: a number is too small or too large.
+    """
+    least = {"actors": 0, "held_out": 0, "frames": 2, "cameras": 1, "size": 32, "texture": 16}
+    given = asdict(options)
+    for name, smallest in least.items():
+        if given[name] < smallest:
+            flag = name.replace("_", "-")
+            raise SourceError(f"--{flag} {given[name]}: expected {smallest} or more.")
+    if not options.actors + options.held_out:
+        raise SourceError("--actors 0 and --held-out 0: nobody is left to draw.")
+    if options.cameras > most_cameras > 1:
+        raise SourceError(
+            f"--cameras {options.cameras}: {tree} tree has {most_cameras} cameras at most."
+        )
+
+
 def claim(root: Path, form: str, options: SyntheticOptions) -> bool:
     """Whether there is something left to write; makes the folder and signs it as unfinished.
 

@@ -28,7 +28,7 @@ from actorsnerf_preprocess.imperfections import noisy
 from actorsnerf_preprocess.motions import Motion
 from actorsnerf_preprocess.renderer import Mesh, MeshRenderer, Pinhole
 from actorsnerf_preprocess.shots import Lens, Rig, rig_of, take
-from actorsnerf_preprocess.source import SourceCamera, SourceError
+from actorsnerf_preprocess.source import SourceCamera
 from actorsnerf_preprocess.stage import (
     LIGHTING,
     TRUTH,
@@ -40,6 +40,7 @@ from actorsnerf_preprocess.stage import (
     is_finished,
     keep_facts,
     performances,
+    require_sensible,
     ring,
     sign_finished,
 )
@@ -85,13 +86,11 @@ def write_aist_tree(root: Path, options: SyntheticOptions, progress: bool = Fals
         progress: show a bar.
 
     Raises:
-        SourceError: the folder holds something else, there are too many cameras, or a video cannot
-            be written.
+        SourceError: the folder holds something else, the numbers make no data set, or a video
+            cannot be written.
         RendererError: headless GL does not work.
     """
-    if options.cameras > len(CAMERA_NAMES):
-        most = len(CAMERA_NAMES)
-        raise SourceError(f"--cameras {options.cameras}: an AIST++ tree has {most} at most.")
+    require_sensible(options, len(CAMERA_NAMES), "an AIST++")
     if not claim(root, "AIST++", options):
         return
     writer = AistTreeWriter(root)

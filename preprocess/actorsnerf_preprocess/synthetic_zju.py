@@ -24,7 +24,7 @@ from actorsnerf_preprocess.imperfections import noisy, ragged
 from actorsnerf_preprocess.motions import Motion
 from actorsnerf_preprocess.renderer import MeshRenderer
 from actorsnerf_preprocess.shots import Lens, Rig, Shot, rig_of, take
-from actorsnerf_preprocess.source import SourceCamera, SourceError
+from actorsnerf_preprocess.source import SourceCamera
 from actorsnerf_preprocess.stage import (
     LIGHTING,
     TRUTH,
@@ -37,6 +37,7 @@ from actorsnerf_preprocess.stage import (
     keep_facts,
     performances,
     pool_size,
+    require_sensible,
     ring,
     sign_finished,
 )
@@ -87,11 +88,11 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
         progress: show a bar.
 
     Raises:
-        SourceError: the folder holds something else, or the variant has fewer cameras.
+        SourceError: the folder holds something else, or the numbers make no data set.
         RendererError: headless GL does not work.
     """
     layout = VARIANTS[options.variant]
-    _require_cameras(layout, options)
+    require_sensible(options, len(layout.cameras), f"a {options.variant}")
     if not claim(root, "ZJU-MoCap", options):
         return
     names = [layout.folder.format(actor=actor_name(*each)) for each in cast(options)]
@@ -120,14 +121,6 @@ def studio_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
         )
         for index, camera in enumerate(cameras)
     )
-
-
-def _require_cameras(layout: Layout | ConvertedLayout, options: SyntheticOptions) -> None:
-    most = len(layout.cameras)
-    if options.cameras > most > 1:
-        raise SourceError(
-            f"--cameras {options.cameras}: a {options.variant} tree has {most} cameras at most."
-        )
 
 
 def _writer(folder: Path, layout: Layout | ConvertedLayout, cameras: int) -> TreeWriter:

@@ -11,7 +11,7 @@ import pytest
 from actorsnerf_datasets.cameras import camera_centre
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_preprocess import aist_reader
-from actorsnerf_preprocess.aist import find_aist, open_aist, survey_aist
+from actorsnerf_preprocess.aist import find_aist, needed_cameras, open_aist, survey_aist
 from actorsnerf_preprocess.aist_checks import SMPL_OF_COCO
 from actorsnerf_preprocess.aist_reader import AistReader
 from actorsnerf_preprocess.backgrounds import Background, estimate_background
@@ -161,6 +161,7 @@ def test_a_synthetic_tree_has_the_free_body(aist: Any) -> None:
     assert found.dataset == "synthetic"
     source = open_aist(found, OpenOptions())
     assert source.body_model == "cc0 body" and source.fits.posed_vertices.shape[1] > 10000
+    assert source.source_terms.startswith("redistribution = allowed")
 
 
 def test_units_that_do_not_agree_are_refused(aist: Any) -> None:
@@ -198,3 +199,20 @@ def test_a_sequence_that_is_not_there_is_named(aist: Any) -> None:
     (found,) = find_aist(aist.root)
     with pytest.raises(SourceError, match=r"gXX\.pkl: there is no such file"):
         open_aist(replace(found, name="gXX"), OpenOptions(body_model=aist.body))
+
+
+def test_absent_views_matter_only_to_whom_they_are_needed(tmp_path: Path, write_aist: Any) -> None:
+    tree = write_aist(tmp_path, frames=12, cameras=3)
+    (found,) = find_aist(tree.root)
+    for camera in ("c02", "c03"):
+        (tree.root / "videos" / f"{tree.name.replace('cAll', camera)}.mp4").unlink()
+    for held_out, severity in (((), "note"), (("d31",), "warning")):
+        options = OpenOptions(body_model=tree.body, held_out=held_out)
+        for findings in (open_aist(found, options).findings, survey_aist(found, options).findings):
+            assert {f.entry: f.severity for f in findings if f.entry in ("c02", "c03")} == {
+                "c02": severity,
+                "c03": severity,
+            }
+    facts = dict(survey_aist(found, OpenOptions()).facts)
+    assert facts["protocol"] == "generic, pretraining: needs c01"
+    assert needed_cameras(tree.name, OpenOptions(pairs="all"), np.arange(12))[-1] == "c08"

@@ -19,6 +19,7 @@ from actorsnerf_preprocess.stage import (
     is_finished,
     keep_facts,
     performances,
+    require_sensible,
     ring,
     sign_finished,
 )
@@ -84,6 +85,28 @@ def test_a_stride_slows_the_turning_but_not_the_dance() -> None:
 def test_one_shape_if_the_data_set_knows_only_one() -> None:
     for performance in played(FEW, Recording(15.0, shaped=False)):
         assert not performance.dressed.actor.betas.any()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (replace(FEW, frames=1), "--frames 1: expected 2 or more"),
+        (replace(FEW, cameras=0), "--cameras 0: expected 1 or more"),
+        (replace(FEW, held_out=-1), "--held-out -1: expected 0 or more"),
+        (replace(FEW, size=3), "--size 3: expected 32 or more"),
+        (replace(FEW, actors=0, held_out=0), "nobody is left to draw"),
+        (replace(FEW, cameras=10), "--cameras 10: an AIST.. tree has 9 cameras at most"),
+    ],
+)
+def test_numbers_that_make_no_data_set_are_refused(
+    options: SyntheticOptions, sentence: str
+) -> None:
+    with pytest.raises(SourceError, match=sentence):
+        require_sensible(options, 9, "an AIST++")
+
+
+def test_a_tree_of_one_camera_ignores_the_others() -> None:
+    require_sensible(replace(FEW, cameras=10), 1, "a converted-humannerf")
 
 
 def test_a_foreign_folder_is_not_written_into(tmp_path: Path) -> None:
