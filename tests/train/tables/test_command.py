@@ -67,6 +67,16 @@ def test_curves_parts_and_pictures_become_files(write: "WriteResult", tmp_path: 
     assert "table_time.md" in (tmp_path / "out" / "table_box.md").read_text()
 
 
+def test_a_row_that_lacks_an_actor_says_so(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.9, 50.0))
+    write((25.0, 0.9, 50.0), actor="zoe")
+    write((24.0, 0.9, 60.0), method="humannerf")
+    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
+    text = (tmp_path / "out" / "table_box.md").read_text()
+    assert "**Missing actors**: HumanNeRF, fewshot-5 (official list) has no result of zoe." in text
+    assert text.count("Missing actors") == 1
+
+
 def test_what_is_missing_is_made_and_nothing_twice(
     people: "People", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -33,5 +33,5 @@ def test_without_lpips_there_is_nothing_to_draw(tmp_path: Path) -> None:
 
 def test_the_legend_names_the_time_that_the_axis_leaves_out() -> None:
     ours = line("ActorsNeRF", "fewshot-5", 60.0, 2160.0)
-    assert legend_of(ours) == "ActorsNeRF (after 2,160 s of category training)"
+    assert legend_of(ours) == "ActorsNeRF\n(after 2,160 s of category training)"
     assert legend_of(line("HumanNeRF", "fewshot-5", 80.0)) == "HumanNeRF"

@@ -114,6 +114,11 @@ def _notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
         notes.append(
             f"Only part of the protocol was evaluated: {frames} frames x {cameras} cameras."
         )
+    for row in table.rows:
+        absent = [actor for actor in table.actors if actor not in row.cells]
+        if absent:
+            name = f"{row.label}, {row.setting} ({row.list_name} list)"
+            notes.append(f"**Missing actors**: {name} has no result of {', '.join(absent)}.")
     uneven = [row for row in table.rows if len(row.steps) > 1]
     if uneven or len({row.steps for row in table.rows}) > 1:
         notes.append("**Not at equal steps**: see the column.")
