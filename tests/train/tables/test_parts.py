@@ -40,6 +40,7 @@ def test_gains_are_means_over_pairs(write: "WriteResult", tmp_path: Path) -> Non
     ("errors", "verdict"),
     [
         ((60.0, 61.0, 62.0), "pays"),
+        ((52.0, 54.0, 59.0), "pays"),  # 5.0 against 2 x 3.6 / sqrt(3)
         ((45.0, 44.0, 43.0), "harms"),
         ((60.0, 45.0, 51.0), "within noise"),
         ((60.0,), "one pair: says nothing of noise"),
