@@ -100,7 +100,7 @@ _BOTH_FITS = (
     FitFolder("new_params", "new_vertices", True),
 )
 
-LAYOUTS: dict[Variant, Layout] = {
+LAYOUTS: dict[TreeVariant, Layout] = {
     "classic-23": Layout(
         folder="CoreView_{actor}",
         cameras=tuple(f"Camera_B{number}" for number in range(1, 24)),

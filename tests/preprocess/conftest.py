@@ -113,7 +113,8 @@ def _fit(rng: np.random.Generator) -> RawFit:
     poses = rng.normal(0, 0.15, (24, 3))
     poses[0] = 0
     turn = matrix_from_axis_angle(np.array([0, 0, rng.uniform(-1, 1)]))
-    Rh = cv2.Rodrigues(turn @ matrix_from_axis_angle(UPRIGHT))[0].ravel()
+    upright = turn @ matrix_from_axis_angle(UPRIGHT)
+    Rh = np.asarray(cv2.Rodrigues(upright)[0], np.float64).ravel()
     Th = np.array([0.0, 0.0, -0.95]) + rng.normal(0, 0.05, 3)
     return RawFit(poses, Rh, Th, rng.normal(0, 0.3, 10), padded=False)
 

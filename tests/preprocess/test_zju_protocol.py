@@ -15,23 +15,21 @@ CAMERAS = ("Camera_B1", "Camera_B2", "Camera_B3")
 FRAMES = tuple(range(20))
 
 
-def subject(name: str, dataset: str = "zju-mocap") -> Found:
-    assert dataset in ("zju-mocap", "synthetic")
-    kind = "synthetic" if dataset == "synthetic" else "zju-mocap"
-    return Found(name, Path("raw") / name, "classic", kind)
+def subject(name: str, drawn: bool = False) -> Found:
+    return Found(name, Path("raw") / name, "classic", "synthetic" if drawn else "zju-mocap")
 
 
 def test_a_number_is_an_actor_of_the_data_set_unless_it_is_drawn() -> None:
     assert actor_of(subject("CoreView_387")) == "zju-387"
     assert actor_of(subject("my_387")) == "zju-387"
-    assert actor_of(subject("CoreView_387", "synthetic")) == "387"
+    assert actor_of(subject("CoreView_387", drawn=True)) == "387"
     assert actor_of(subject("aunt")) == "aunt"
 
 
 def test_published_subjects_have_the_published_protocol_unless_they_are_drawn() -> None:
     options = OpenOptions()
     assert protocol_of(subject("CoreView_377"), options, CAMERAS, FRAMES).name == "actorsnerf-zju"
-    drawn = protocol_of(subject("CoreView_377", "synthetic"), options, CAMERAS, FRAMES)
+    drawn = protocol_of(subject("CoreView_377", drawn=True), options, CAMERAS, FRAMES)
     assert (drawn.name, drawn.role) == ("generic", "pretraining")
 
 
