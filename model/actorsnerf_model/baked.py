@@ -5,6 +5,7 @@ averaged over the support poses, while the method's own field lets them slide wi
 deformation. And everything lies on grids.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -14,31 +15,26 @@ from torch import Tensor
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.bricks import BrickGrid, BrickTable, brick_table, look_up
-from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
-from actorsnerf_model.occupancy import CELL
+from actorsnerf_model.filled_voxels import Anchors, FilledVoxels, anchors, filled_voxels
+from actorsnerf_model.kinematics import motions_between, observation_bounds, posed_frames
+from actorsnerf_model.node_warp import LEVEL, warped
 from actorsnerf_model.offset_nodes import (
     OffsetNodes,
     offset_volume,
     offsets_at,
     offsets_in_pose,
 )
-from actorsnerf_model.posed_grid import (
-    LEAST_LIKELIHOOD,
-    PARTS,
-    Anchors,
-    FilledVoxels,
-    PosedGrid,
-    anchors,
-    filled_voxels,
-    posed_grid,
-)
-from actorsnerf_model.skinning import SkinningVolume, backward_warp
+from actorsnerf_model.part_maps import PARTS
+from actorsnerf_model.posed_grid import CELL, PosedGrid, posed_grid
+from actorsnerf_model.skinning import SkinningVolume
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.states import FieldValues, Located, Occupancy, PoseState
 
-PART_REACH = 0.6 * CELL / PARTS
-"""Metres around the middle of a part of a posed cell: to its sides and a fifth more. Its corners
-are farther, but a part that is filled in a corner alone hardly shows."""
+REACH = 2 * CELL / PARTS
+"""Metres around a part's middle to which distances are told apart; a part whose image is larger
+than that on every side is never stepped over."""
+ANCHOR_WEIGHT = 0.5
+"""Share of the threshold from which a bone's weight places an anchor."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +62,8 @@ class BakedState:
     data: BakedActorData
     table: BrickTable
     bounds: SkinningBounds
+    support: Float[Tensor, "24 2 3"]
+    """Each bone's box for `node_warp`."""
     filled: FilledVoxels
     anchors: Anchors
 
@@ -74,21 +72,25 @@ class BakedState:
 class BakedPose(PoseState):
     """The state of a pose, with the deformation and the backward warp in it."""
 
-    offsets: Float[Tensor, "z y x 3"] | None
+    offsets: Float[Tensor, "3 z y x"] | None
     """Of `offset_volume`, metres."""
     grid: PosedGrid
+    warp: Callable[[Float[Tensor, "3 points"]], Float[Tensor, "4 points"]]
+    """Points of the posed body frame (metres) to places that are looked up, and likelihoods."""
 
 
 @torch.no_grad()
 def baked_state(data: BakedActorData) -> BakedState:
     """The state of a baked actor, once per file."""
-    filled = filled_voxels(data.field, PART_REACH)
+    filled = filled_voxels(data.field, REACH)
+    least = ANCHOR_WEIGHT * data.threshold
     return BakedState(
         data,
         brick_table(data.field),
         skinning_bounds(data.skinning),
+        skinning_bounds(data.skinning, LEVEL).boxes,
         filled,
-        anchors(filled, data.skinning),
+        anchors(filled, data.skinning, CELL, least),
     )
 
 
@@ -117,23 +119,23 @@ class BakedActor:
     ) -> BakedPose:
         """What depends on the pose alone."""
         data = actor.data
-        motions, back = bone_motions(pose, rest_joints, data.canonical_joints)
-        bounds = observation_bounds(posed_frames(pose, rest_joints)[1])
+        frames = posed_frames(pose, rest_joints)
+        motions, back = motions_between(*frames, data.canonical_joints)
+        bounds = observation_bounds(frames[1])
         offsets = None
         if data.offsets is not None:
             offsets = offset_volume(data.offsets, offsets_in_pose(data.offsets, pose))
 
-        def rows_at(points: Tensor) -> Tensor:
-            warped, likelihood = backward_warp(points, data.skinning, motions, actor.bounds.support)
-            held = (likelihood > LEAST_LIKELIHOOD)[:, None]
+        def warp(points: Tensor) -> Tensor:
+            found = warped(points, data.skinning, actor.support, motions)
             if data.offsets is not None and offsets is not None:
-                warped = warped + offsets_at(warped, data.offsets, offsets)
-            return torch.cat([warped * held, held.to(warped), likelihood[:, None]], -1)
+                found[:3] += offsets_at(found[:3], data.offsets, offsets)
+            return found
 
-        grid = posed_grid(actor.anchors, actor.filled, back, (bounds, data.threshold / 2), rows_at)
-        return BakedPose(
-            pose, motions, back, bounds, _occupancy(grid, data.threshold), offsets, grid
-        )
+        limits = (bounds, data.threshold)
+        grid = posed_grid(actor.anchors, actor.filled, back, limits, warp)
+        occupancy = _occupancy(grid, data.threshold)
+        return BakedPose(pose, motions, back, bounds, occupancy, offsets, grid, warp)
 
     @torch.no_grad()
     def locate(
@@ -156,8 +158,8 @@ class BakedActor:
 
 def _occupancy(grid: PosedGrid, threshold: float) -> Occupancy:
     """What the general renderer skips by: the live parts."""
-    size = grid.low.new_tensor(grid.live.shape) * (grid.spacing / PARTS)
-    return Occupancy(torch.stack([grid.low, grid.low + size]), grid.live, threshold)
+    size = grid.low.new_tensor(grid.number.shape) * grid.edge
+    return Occupancy(torch.stack([grid.low, grid.low + size]), grid.number >= 0, threshold)
 
 
 def instance_points(
@@ -167,7 +169,7 @@ def instance_points(
     assert isinstance(pose, BakedPose)
     if actor.data.offsets is None or pose.offsets is None:
         return points
-    return points + offsets_at(points, actor.data.offsets, pose.offsets)
+    return points + offsets_at(points.T, actor.data.offsets, pose.offsets).T
 
 
 __all__ = [

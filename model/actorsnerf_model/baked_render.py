@@ -1,56 +1,37 @@
-"""The renderer of baked actors: no networks, few samples, all of them near the surface.
+"""The renderer of baked actors: the live parts' shadow, every second pixel, then those in need.
 
-    live cells -> tiles of the picture with near and far -> rounds of samples -> composite
-
-Rays start where the tile's first cell begins, take steps that are the same for all pixels, and end
-when their light is spent.
+Where pixels are finer than the voxels, a pixel between drawn ones that show the same surface takes
+their mean, and one between empty ones is empty; outlines are drawn pixel by pixel.
 """
 
-import math
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable
 
 import torch
-from jaxtyping import Float, Int
+import torch.nn.functional as F
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from actorsnerf_model.baked import BakedActor, BakedPose, BakedState
-from actorsnerf_model.bricks import look_up, read_corners
-from actorsnerf_model.posed_grid import PARTS, PosedGrid, places_of
-from actorsnerf_model.projection import NEAR_PLANE, project
-from actorsnerf_model.rays import Rays, rays_through
+from actorsnerf_model.march import STEP, Marched, march
+from actorsnerf_model.part_shadows import Shadow, part_shadows, stretches
 from actorsnerf_model.render import render
 from actorsnerf_model.states import Camera, Counts, Rendering, RenderOptions
 
-STEP = 0.02
-"""Metres between samples along the optical axis."""
-ROUND = 4
-"""Samples of a ray before its light is measured again."""
 STOP = 1 / 256
 """Light below which a ray ends; half a grey level at most."""
-TILES_ACROSS = 3
-"""Tiles that the shadow of the largest cell may measure; tiles grow until it does."""
-
-
-@dataclass(frozen=True)
-class _Pixels:
-    """The pixels that can show anything."""
-
-    place: Int[Tensor, "pixels"]
-    """Counted along x, then y."""
-    rays: Rays
-    first: Int[Tensor, "pixels"]
-    """Number of the first sample."""
-    last: Int[Tensor, "pixels"]
-    """One past the last one's."""
-
-
-@dataclass
-class _Light:
-    """What the rays have gathered so far; changed round by round."""
-
-    passing: Float[Tensor, "pixels"]
-    rgb: Float[Tensor, "pixels 3"]
-    depth: Float[Tensor, "pixels"]
+FINE = 0.75
+"""Voxels that the nearest pixel may measure for every second one to be left to its neighbours."""
+SURFACE = 0.03
+"""Metres of depth between pixels that can show the same surface."""
+OPAQUE = 0.9
+"""Opacity from which a pixel shows a surface."""
+EMPTY = 1 / 512
+"""Opacity up to which a pixel shows nothing."""
+Draw = Callable[[Tensor, Tensor], Tensor]
+"""Columns and rows of pixels to (channels, pixels)."""
+CHANNELS = 5
+"""Of a picture that is being drawn: colour times opacity, opacity, depth times opacity."""
 
 
 @torch.no_grad()
@@ -73,159 +54,77 @@ def render_baked(
         options: background, threshold and `stop_transmittance` (0: `STOP`) are heeded; samples are
             always `STEP` apart.
     """
-    width, height = camera.size
-    pixels = _pixels(pose.grid, camera)
-    if pixels is None:
+    shadow = part_shadows(pose.grid, camera)
+    if shadow is None:
         return render(method, actor, pose, camera, options)
-    count = pixels.place.shape[0]
-    like = pose.bounds
-    light = _Light(like.new_ones(count), like.new_zeros(count, 3), like.new_zeros(count))
-    due = torch.arange(count, device=like.device)
+    left, right, top, bottom = shadow.window
     stop = options.stop_transmittance or STOP
-    samples = survivors = start = 0
-    while due.shape[0]:
-        asked = _round(actor, pose.grid, (pixels, due, start), light, options.threshold)
-        samples += due.shape[0] * ROUND
-        survivors += asked
-        start += ROUND
-        left = (light.passing[due] > stop) & (pixels.first[due] + start < pixels.last[due])
-        due = due[left.nonzero()[:, 0]]
-    background = like.new_tensor(options.background)
-    rgb = background.repeat(height * width, 1)
-    rgb[pixels.place] = light.rgb + light.passing[:, None] * background
-    alpha = like.new_zeros(height * width).index_copy_(0, pixels.place, 1 - light.passing)
-    depth = like.new_zeros(height * width).index_copy_(0, pixels.place, light.depth)
-    return Rendering(
-        rgb.reshape(height, width, 3),
-        alpha.reshape(height, width),
-        depth.reshape(height, width),
-        Counts(count, samples, survivors),
-    )
+    drawn: list[Marched] = []
 
+    def draw(x: Tensor, y: Tensor) -> Tensor:
+        rays = stretches(shadow, x + left, y + top, camera)
+        drawn.append(march(actor.table, pose, rays, options.threshold, stop))
+        return torch.cat([drawn[-1].rgb, drawn[-1].alpha[None], drawn[-1].depth[None]])
 
-def _pixels(grid: PosedGrid, camera: Camera) -> _Pixels | None:
-    """The pixels of tiles that live cells cast a shadow on; None where a cell is too near to tell.
-
-    A tile's rays begin at its nearest cell's nearest corner and end at its farthest one's farthest.
-    """
+    lit = _lit(shadow)
+    fine = shadow.nearest <= FINE * actor.data.field.voxel * float(camera.K.diagonal()[:2].amin())
+    seen = _by_halves(draw, lit) if fine else _all(draw, lit)
     width, height = camera.size
-    edge = grid.spacing / PARTS
-    reach = edge * math.sqrt(3) / 2
-    middle = grid.low + (grid.parts + 0.5) * edge
-    seen = project(middle, camera.K, camera.camera_from_body)
-    near, far = seen.depth - reach, seen.depth + reach
-    if bool((near <= NEAR_PLANE).any()):
-        return None if bool((far > NEAR_PLANE).any()) else _no_pixels(grid, camera)
-    # A sphere's shadow is wider towards the picture's border; the slope bounds by how much.
-    focal = camera.K.diagonal()[:2]
-    slope = torch.linalg.vector_norm(seen.pixels - camera.K[:2, 2], dim=-1) / focal.amin()
-    radius = focal.amax() * reach * (1 + slope) / near
-    low, high = seen.pixels - radius[:, None], seen.pixels + radius[:, None]
-    size = low.new_tensor(camera.size)
-    visible = ((high > -1) & (low < size)).all(1).nonzero()[:, 0]
-    if visible.shape[0] == 0:
-        return _no_pixels(grid, camera)
-    low, high, near, far = low[visible], high[visible], near[visible], far[visible]
-    tile = max(1, int((high - low).amax().clamp(max=max(camera.size)) / (TILES_ACROSS - 1)) + 1)
-    across, down = -(-width // tile), -(-height // tile)
-    first = (low.ceil() / tile).floor().long()
-    last = (high.floor() / tile).floor().long()
-    steps = torch.arange(TILES_ACROSS + 1, device=low.device)
-    column, row = first[:, :1] + steps, first[:, 1:] + steps
-    fits = [
-        (c >= 0) & (c <= e[:, None]) & (c < n)
-        for c, e, n in ((column, last[:, 0], across), (row, last[:, 1], down))
-    ]
-    which = (fits[1][:, :, None] & fits[0][:, None, :]).reshape(-1).nonzero()[:, 0]
-    place = (row[:, :, None] * across + column[:, None, :]).reshape(-1)[which]
-    cell = which // steps.shape[0] ** 2
-    begin = near.new_full((down * across,), torch.inf).scatter_reduce(0, place, near[cell], "amin")
-    end = near.new_zeros(down * across).scatter_reduce(0, place, far[cell], "amax")
-    return _of_tiles(begin, end, (tile, across), camera)
+    background = pose.bounds.new_tensor(options.background)
+    rgb = background.repeat(height, width, 1)
+    alpha, depth = rgb.new_zeros(2, height, width).unbind(0)
+    rgb[top:bottom, left:right] = seen[:3].permute(1, 2, 0) + (1 - seen[3])[..., None] * background
+    alpha[top:bottom, left:right] = seen[3]
+    depth[top:bottom, left:right] = seen[4]
+    counts = [Counts(one.alpha.shape[0], one.tested, one.asked, one.painted) for one in drawn]
+    return Rendering(rgb, alpha, depth, Counts.total(counts))
 
 
-def _of_tiles(
-    begin: Float[Tensor, "tiles"],
-    end: Float[Tensor, "tiles"],
-    tiles: tuple[int, int],
-    camera: Camera,
-) -> _Pixels:
-    tile, across = tiles
-    width, height = camera.size
-    step = torch.arange(tile, device=begin.device)
-    lit = (end > 0).nonzero()[:, 0]
-    x = ((lit % across) * tile)[:, None, None] + step
-    y = (torch.div(lit, across, rounding_mode="floor") * tile)[:, None, None] + step[:, None]
-    x, y = x.expand(-1, tile, tile), y.expand(-1, tile, tile)
-    inside = ((x < width) & (y < height)).reshape(-1).nonzero()[:, 0]
-    x, y = x.reshape(-1)[inside], y.reshape(-1)[inside]
-    owner = lit[inside // tile**2]
-    rays = rays_through(torch.stack([x, y], -1).to(begin), camera)
-    first = (begin[owner] / STEP).floor().long()
-    last = (end[owner] / STEP).ceil().long()
-    return _Pixels(y * width + x, rays, first, last)
+def _lit(shadow: Shadow) -> Bool[Tensor, "height width"]:
+    """The window's pixels that can show anything."""
+    left, right, top, bottom = shadow.window
+    tile = shadow.tile
+    tiles = (shadow.far > 0)[top // tile : -(-bottom // tile), left // tile : -(-right // tile)]
+    pixels = tiles.repeat_interleave(tile, 0).repeat_interleave(tile, 1)
+    return pixels[: bottom - top, : right - left]
 
 
-def _no_pixels(grid: PosedGrid, camera: Camera) -> _Pixels:
-    none = grid.parts[:0, 0]
-    return _Pixels(none, rays_through(grid.rows.new_zeros(0, 2), camera), none, none)
+def _all(draw: Draw, lit: Bool[Tensor, "height width"]) -> Float[Tensor, "5 height width"]:
+    """Every lit pixel drawn."""
+    y, x = lit.nonzero().unbind(-1)
+    values = draw(x, y)
+    picture = values.new_zeros(CHANNELS, *lit.shape)
+    picture[:, y, x] = values
+    return picture
 
 
-def _round(
-    actor: BakedState,
-    grid: PosedGrid,
-    due: tuple[_Pixels, Int[Tensor, "due"], int],
-    light: _Light,
-    threshold: float,
-) -> int:
-    """The next few samples of the rays that are due; how many of them asked the tables."""
-    pixels, which, start = due
-    directions = pixels.rays.directions[which]
-    number = pixels.first[which, None] + (start + torch.arange(ROUND, device=which.device))
-    depth = (number.to(directions) + 0.5) * STEP
-    origin = (pixels.rays.origin - grid.low) * (PARTS / grid.spacing)
-    along = directions * (PARTS / grid.spacing)
-    places, part = [], torch.zeros_like(depth)
-    within = torch.ones_like(depth, dtype=torch.bool)
-    for axis, size in enumerate(grid.live.shape):
-        place = torch.addcmul(origin[axis], depth, along[:, axis, None])
-        floor = place.floor()
-        within &= (floor >= 0) & (floor < size)
-        part = part * size + floor
-        places.append(place)
-    # Whole numbers: exact in float32 below 2^24 parts.
-    flat = (part * within).reshape(-1).int()
-    asked = (grid.live.reshape(-1).index_select(0, flat) & within.reshape(-1)).nonzero()[:, 0]
-    place = torch.stack([place.reshape(-1).index_select(0, asked) for place in places]) / PARTS
-    cell = place.floor()
-    _, y, z = grid.sizes
-    first = ((cell[0] * y + cell[1]) * z + cell[2]).int()
-    rows = read_corners(grid.rows, first, place - cell, (1, z, y * z))
-    rgb, density = look_up(actor.table, places_of(rows))
-    density = density * (rows[:, 4] >= threshold)
-    _add(light, which, depth, directions, (asked, rgb, density))
-    return asked.shape[0]
+def _by_halves(draw: Draw, lit: Bool[Tensor, "height width"]) -> Float[Tensor, "5 height width"]:
+    """Every second lit pixel of every second row drawn, and of the others those in need."""
+    drawn = _all(lambda x, y: draw(2 * x, 2 * y), lit[::2, ::2])
+    coarse = F.pad(drawn, (0, 1, 0, 1), value=torch.nan)  # pixels that agree with nothing
+    surface = torch.where(coarse[3] >= OPAQUE, coarse[4] / coarse[3], torch.nan)
+    picture = drawn.new_zeros(CHANNELS, *lit.shape)
+    picture[:, ::2, ::2] = drawn
+    need = lit.clone()
+    need[::2, ::2] = False
+    for below, right in ((0, 1), (1, 0), (1, 1)):
+        rows, columns = lit[below::2, right::2].shape
+        corners = [(y, x) for y in range(below + 1) for x in range(right + 1)]
+        around = [coarse[:, y : y + rows, x : x + columns] for y, x in corners]
+        depths = [surface[y : y + rows, x : x + columns] for y, x in corners]
+        alike = _most(depths) + _most([-depth for depth in depths]) <= SURFACE
+        alike |= _most([one[3] for one in around]) <= EMPTY
+        mean = sum(around[1:], around[0]) / len(around)
+        picture[:, below::2, right::2] = torch.where(alike & lit[below::2, right::2], mean, 0.0)
+        need[below::2, right::2] &= ~alike
+    y, x = need.nonzero().unbind(-1)
+    picture[:, y, x] = draw(x, y)
+    return picture
 
 
-def _add(
-    light: _Light,
-    which: Int[Tensor, "due"],
-    depth: Float[Tensor, "due samples"],
-    directions: Float[Tensor, "due 3"],
-    found: tuple[Int[Tensor, "asked"], Float[Tensor, "asked 3"], Float[Tensor, "asked"]],
-) -> None:
-    """The light of a round's samples added to what the rays have."""
-    place, rgb, density = found
-    length = STEP * directions.norm(dim=-1)
-    thickness = depth.new_zeros(depth.numel()).index_copy_(0, place, density).reshape(depth.shape)
-    through = (thickness * length[:, None]).cumsum(-1)
-    passing = torch.cat([torch.ones_like(through[:, :1]), torch.exp(-through)], -1)
-    before = light.passing[which]
-    weights = (passing[:, :-1] - passing[:, 1:]) * before[:, None]
-    light.depth[which] += (weights * depth).sum(-1)
-    light.passing[which] = before * passing[:, -1]
-    colour = weights.reshape(-1)[place, None] * rgb
-    light.rgb.index_add_(0, which[place // depth.shape[1]], colour)
+def _most(values: list[Tensor]) -> Tensor:
+    """The largest, place by place; nothing where one of them is none."""
+    return functools.reduce(torch.maximum, values)
 
 
-__all__ = ["ROUND", "STEP", "STOP", "render_baked"]
+__all__ = ["STEP", "STOP", "render_baked"]

@@ -11,8 +11,8 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from actorsnerf_model.bricks import read_corners
 from actorsnerf_model.deformation import POSE_NUMBERS
-from actorsnerf_model.interpolation import trilinear
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,19 @@ def offsets_in_pose(nodes: OffsetNodes, pose: Float[Tensor, "24 3"]) -> Float[Te
 
 def offset_volume(
     nodes: OffsetNodes, offsets: Float[Tensor, "nodes 3"]
-) -> Float[Tensor, "z y x 3"]:
-    """The offsets of `offsets_in_pose` at their places, zero elsewhere."""
+) -> Float[Tensor, "3 z y x"]:
+    """The offsets of `offsets_in_pose` at their places, zero elsewhere and one node around all."""
     z, y, x = nodes.sizes
-    volume = offsets.new_zeros(z * y * x, 3)
-    return volume.index_copy_(0, nodes.nodes.long(), offsets).reshape(z, y, x, 3)
+    number = nodes.nodes.long()
+    inner = number + 2 * (number // x) + (2 * (x + 2)) * (number // (x * y))
+    volume = offsets.new_zeros(3, (z + 2) * (y + 2) * (x + 2))
+    volume[:, inner + ((y + 2) * (x + 2) + (x + 2) + 1)] = offsets.T
+    return volume.reshape(3, z + 2, y + 2, x + 2)
 
 
 def offsets_at(
-    points: Float[Tensor, "points 3"], nodes: OffsetNodes, volume: Float[Tensor, "z y x 3"]
-) -> Float[Tensor, "points 3"]:
+    points: Float[Tensor, "3 points"], nodes: OffsetNodes, volume: Float[Tensor, "3 z y x"]
+) -> Float[Tensor, "3 points"]:
     """Offsets between the nodes, metres; zero away from them.
 
     Args:
@@ -86,7 +89,18 @@ def offsets_at(
         nodes: of the actor.
         volume: of `offset_volume`.
     """
-    return trilinear(volume, (points - nodes.low) / nodes.spacing)
+    shape = volume.shape[1:]
+    share, first = [], None
+    for axis in (2, 1, 0):
+        size = shape[2 - axis]
+        place = (points[axis] - nodes.low[axis]) / nodes.spacing + 1
+        place = place.clamp(0, size - 1)
+        cell = place.floor().clamp(max=size - 2)
+        share.append(place - cell)
+        first = cell if first is None else first * size + cell
+    assert first is not None
+    strides = (shape[1] * shape[2], shape[2], 1)
+    return read_corners(volume.reshape(3, -1), first.int(), torch.stack(share[::-1]), strides)
 
 
 __all__ = ["Layer", "OffsetNodes", "offset_volume", "offsets_at", "offsets_in_pose"]

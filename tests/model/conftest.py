@@ -11,7 +11,13 @@ from actorsnerf_datasets.skeleton import PARENTS
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import BakedActorData
+from actorsnerf_model.baked import (
+    BakedActor,
+    BakedActorData,
+    BakedPose,
+    BakedState,
+    baked_state,
+)
 from actorsnerf_model.baking import BakeOptions, BakeReport, bake
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
@@ -165,6 +171,29 @@ def baked_at(
         return kept_bakes[voxel]
 
     return make
+
+
+@pytest.fixture(scope="session")
+def kept_states() -> list[BakedState]:
+    """What is made once for all tests."""
+    return []
+
+
+@pytest.fixture
+def state(
+    baked_at: Callable[[float], tuple[BakedActorData, BakeReport]], kept_states: list[BakedState]
+) -> BakedState:
+    """The fitted actor baked at 4 cm; read it, do not write it."""
+    if not kept_states:
+        kept_states.append(baked_state(baked_at(0.04)[0]))
+    return kept_states[0]
+
+
+@pytest.fixture
+def pose(fitted: Fitted, state: BakedState) -> BakedPose:
+    """That actor in a pose that was not baked."""
+    view = fitted.views[3]
+    return BakedActor().pose_state(state, view.pose, view.rest_joints)
 
 
 @dataclass(frozen=True)

@@ -1,3 +1,4 @@
+import copy
 import dataclasses
 from collections.abc import Callable
 from typing import Protocol
@@ -7,15 +8,20 @@ import torch
 from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model import baked_render, filled_voxels
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.baked import BakedActor, BakedActorData, BakedPose, BakedState, baked_state
-from actorsnerf_model.baked_render import STEP, render_baked
-from actorsnerf_model.baking import BakeReport
+from actorsnerf_model.baked_render import render_baked
+from actorsnerf_model.baking import BakeOptions, BakeReport, bake
+from actorsnerf_model.bricks import VISIBLE_DENSITY
+from actorsnerf_model.march import STEP
 from actorsnerf_model.render import render
 from actorsnerf_model.states import Camera, RenderOptions
 
 GROUND = (0.2, 0.4, 0.6)
+LOST = 0.03
+"""Mean difference of colour to the unbaked picture of a cloud, of its mean opacity, at most."""
 OPTIONS = RenderOptions(samples=64, background=GROUND)
 Bake = Callable[[float], tuple[BakedActorData, BakeReport]]
 
@@ -24,16 +30,6 @@ class Fitted(Protocol):
     method: ActorsNeRF
     actor: ActorsNeRFState
     views: tuple[View, ...]
-
-
-@pytest.fixture
-def state(baked_at: Bake) -> BakedState:
-    return baked_state(baked_at(0.04)[0])
-
-
-@pytest.fixture
-def pose(fitted: Fitted, state: BakedState) -> BakedPose:
-    return BakedActor().pose_state(state, fitted.views[3].pose, fitted.views[3].rest_joints)
 
 
 def camera_of(view: View, moved: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Camera:
@@ -124,3 +120,52 @@ def test_an_empty_actor_shows_the_background(fitted: Fitted, state: BakedState) 
     seen = render_baked(BakedActor(), empty, pose, camera_of(view), OPTIONS)
     assert torch.equal(seen.rgb, torch.tensor(GROUND).expand(64, 48, 3))
     assert not seen.alpha.any() and seen.counts.rays == 0
+
+
+def test_what_is_stepped_over_is_not_missed(
+    fitted: Fitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cloud against its unbaked picture, which knows no `VISIBLE_DENSITY`.
+
+    Stepping over what is 50 times as dense loses most of it.
+    """
+    method = copy.deepcopy(fitted.method)
+    thin = dataclasses.replace(method.config.radiance, density_shift=0.0, density_scale=0.5)
+    method.radiance.config = thin
+    view, supports = fitted.views[3], fitted.views[:3]
+    with torch.no_grad():
+        actor = method.actor_state(supports, 3.0)
+        exact = method.pose_state(actor, view.pose, view.rest_joints)
+        truth = render(method, actor, exact, camera_of(view), OPTIONS)
+    assert 0.1 < float(truth.alpha.max()) < 0.9
+    data, _ = bake(method, actor, supports, BakeOptions(voxel=0.04, offset_spacing=0.08))
+
+    def missed() -> float:
+        state = baked_state(data)
+        pose = BakedActor().pose_state(state, view.pose, view.rest_joints)
+        fast = render_baked(BakedActor(), state, pose, camera_of(view), OPTIONS)
+        return float((fast.rgb - truth.rgb).abs().mean() / truth.alpha.mean())
+
+    assert missed() < LOST
+    monkeypatch.setattr(filled_voxels, "VISIBLE_DENSITY", 50 * VISIBLE_DENSITY)
+    assert missed() > 2 * LOST
+
+
+def test_interpolated_pixels_are_those_drawn(
+    fitted: Fitted, state: BakedState, pose: BakedPose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of pixels much finer than the voxels, all drawn and half of them."""
+    view = fitted.views[3]
+    K = view.K.clone()
+    K[:2] *= 4
+    camera = Camera(K, view.camera_from_body, (192, 257))
+    some = render_baked(BakedActor(), state, pose, camera, OPTIONS)
+    monkeypatch.setattr(baked_render, "FINE", 0.0)
+    every = render_baked(BakedActor(), state, pose, camera, OPTIONS)
+    assert some.counts.rays < 0.7 * every.counts.rays
+    assert some.counts.survivors < 0.7 * every.counts.survivors
+    seen = every.alpha > 0.01
+    assert decibel(some.rgb[seen], every.rgb[seen]) > 35
+    assert float(((some.alpha - every.alpha).abs() > 0.1).float().mean()) < 2e-3
+    solid = (some.alpha > 0.9) & (every.alpha > 0.9)
+    assert float((some.depth - every.depth)[solid].abs().quantile(0.99)) < 0.02

@@ -11,6 +11,7 @@ from actorsnerf_model.bricks import (
     activation_from_density,
     brick_table,
     density_from_activation,
+    density_from_code,
     encode,
     look_up,
     read_corners,
@@ -59,6 +60,7 @@ def test_nodes_are_read_back_to_half_a_code(nodes: Tensor, grid: BrickGrid) -> N
 def test_between_nodes_it_is_trilinear(grid: BrickGrid, generator: torch.Generator) -> None:
     """A slow twin, one point at a time."""
     table = brick_table(grid)
+    nodes_of = (table.codes.float() / 255).T.reshape(-1, SIDE, SIDE, SIDE, 4)
     places = torch.rand(40, 3, generator=generator) * torch.tensor([8.0, 12.0, 8.0])
     rgb, density = look_up(table, LOW + places * VOXEL)
     for number, place in enumerate(places.tolist()):
@@ -67,13 +69,13 @@ def test_between_nodes_it_is_trilinear(grid: BrickGrid, generator: torch.Generat
         if row < 0:
             assert not rgb[number].any() and density[number] == 0
             continue
-        node = table.rows.reshape(-1, SIDE, SIDE, SIDE, 4)[row]
+        node = nodes_of[row]
         for axis in (2, 1, 0):  # z first: it is the outermost axis
             local = place[axis] - brick[axis] * CELLS
             low = min(int(local), CELLS - 1)
             node = node[low] + (local - low) * (node[low + 1] - node[low])
         torch.testing.assert_close(rgb[number], node[:3], atol=1e-5, rtol=0)
-        wanted = density_from_activation(node[3])
+        wanted = density_from_code(255 * node[3], grid.top)
         torch.testing.assert_close(density[number], wanted, atol=1e-4, rtol=1e-3)
 
 
@@ -94,10 +96,10 @@ def test_density_comes_back_from_its_activation() -> None:
 
 
 def test_hand_numbers_between_corners() -> None:
-    rows = torch.arange(8.0)[:, None]  # z 4, y 2, x 1
+    planes = torch.stack([torch.arange(8.0), torch.full((8,), 3.0)])  # z 4, y 2, x 1
     share = torch.tensor([[0.25], [0.5], [1.0]])
-    read = read_corners(rows, torch.tensor([0]), share, (4, 2, 1))
-    assert read.tolist() == [[0.25 + 1.0 + 4.0]]
+    read = read_corners(planes, torch.tensor([0]), share, (4, 2, 1))
+    assert read.tolist() == [[0.25 + 1.0 + 4.0], [3.0]]
 
 
 def test_its_bytes(grid: BrickGrid) -> None:

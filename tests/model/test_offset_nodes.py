@@ -1,7 +1,10 @@
+import dataclasses
+
 import torch
 from torch import Tensor
 
 from actorsnerf_model.deformation import POSE_NUMBERS
+from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.offset_nodes import (
     Layer,
     OffsetNodes,
@@ -31,7 +34,21 @@ def test_hand_numbers() -> None:
     moved = offsets_in_pose(nodes, pose)
     assert moved.tolist() == [[2.5, 6.0, 9.0], [0.0, 0.0, 0.0]]
     volume = offset_volume(nodes, moved)
-    assert volume.shape == (2, 2, 2, 3) and volume[0, 0, 0].tolist() == [2.5, 6.0, 9.0]
+    assert volume.shape == (3, 4, 4, 4) and volume[:, 1, 1, 1].tolist() == [2.5, 6.0, 9.0]
     assert int(volume.count_nonzero()) == 3
-    half = offsets_at(LOW + torch.tensor([[0.25, 0.0, 0.0], [0.0, 0.0, 9.0]]), nodes, volume)
-    assert half.tolist() == [[1.25, 3.0, 4.5], [0.0, 0.0, 0.0]]
+    places = torch.stack(
+        [LOW + torch.tensor([0.25, 0.0, 0.0]), LOW + torch.tensor([0.0, 0.0, 9.0])]
+    )
+    half = offsets_at(places.T, nodes, volume)
+    assert half.T.tolist() == [[1.25, 3.0, 4.5], [0.0, 0.0, 0.0]]
+
+
+def test_offsets_between_nodes_are_a_volumes(generator: torch.Generator) -> None:
+    """A few nodes of a box that is no cube, against the slow interpolation of the whole box."""
+    sizes, kept = (3, 4, 5), [0, 7, 23, 38, 59]
+    nodes = dataclasses.replace(made(kept, torch.zeros(1, 5, 1), torch.zeros(5, 3)), sizes=sizes)
+    moved = torch.rand(5, 3, generator=generator)
+    whole = torch.zeros(60, 3).index_copy(0, torch.tensor(kept), moved).reshape(*sizes, 3)
+    places = torch.rand(300, 3, generator=generator) * torch.tensor([7.0, 6.0, 5.0]) - 1.5
+    found = offsets_at((LOW + places * 0.5).T, nodes, offset_volume(nodes, moved))
+    torch.testing.assert_close(found.T, trilinear(whole, places), atol=1e-5, rtol=0)
