@@ -6,7 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from actorsnerf_model.feature_shell import FeatureShell, feature_shell, in_shell, shell_occupancy
+from actorsnerf_model.feature_shell import (
+    SLACK,
+    FeatureShell,
+    feature_shell,
+    in_shell,
+    shell_occupancy,
+)
 from actorsnerf_model.pose_plans import PosePlans
 from actorsnerf_model.sparse_conv import FeatureLevel, SparseConfig, SparseNet, query
 
@@ -111,3 +117,25 @@ def test_cells_are_small_beside_the_shells() -> None:
         torch.testing.assert_close(
             (occupancy.box[1] - occupancy.box[0]) / sizes, bounds.new_full((3,), edge)
         )
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_rounding_on_a_common_face_loses_nothing(axis: int, side: int) -> None:
+    """A sample just inside the shell may be taken for one just outside, in the next cell."""
+    index = torch.full((3, 3, 3), -1, dtype=torch.int32)
+    index[1, 1, 1] = 0
+    origin = torch.zeros(3, dtype=torch.float64)
+    shell = feature_shell([FeatureLevel(torch.ones(1, 1), index, origin, 2.0)])
+    face = torch.full((3,), 2.0, dtype=torch.float64)
+    face[axis] += 2 * side
+    # The face is one of the box's cells' own.
+    bounds = torch.stack([face - 100 * 0.03, face + 100 * 0.03])
+    occupancy = shell_occupancy(shell, bounds, 0.5)
+    outward = torch.zeros(3, dtype=torch.float64)
+    outward[axis] = side
+    assert bool(in_shell(shell, (face - 1e-9 * outward)[None]).all())
+    taken = (face + 0.9 * SLACK * outward)[None]
+    assert bool(occupancy.cells[cell_of(taken, occupancy.box, occupancy.cells.shape)].all())
+    beyond = (face + (0.03 + 2 * SLACK) * outward)[None]
+    assert not bool(occupancy.cells[cell_of(beyond, occupancy.box, occupancy.cells.shape)].any())
