@@ -21,8 +21,8 @@ from actorsnerf_model.states import ActorState, Field, Located, Method, PoseStat
 
 CELL = 0.015
 """Edge of a cell, metres."""
-LEAST_DENSITY = 0.5
-"""1/metre under which a place counts as empty: half a percent of the light in a centimetre."""
+LEAST_DENSITY = 0.05
+"""1/metre under which a place counts as empty: half a permille of the light in a centimetre."""
 REACH = 0.25
 """Share of the threshold down to which the body at rest is asked. Bones that meet in another pose
 can carry a sample beyond: cells that nobody asked about count as filled."""
