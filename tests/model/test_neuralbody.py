@@ -154,6 +154,19 @@ def test_the_picture_depends_on_side_and_frame(support_views: Views) -> None:
         assert (one.rgb - other.rgb).abs().max() > 1e-3
 
 
+def test_colours_of_some_points_are_their_own(support_views: Views) -> None:
+    views = support_views(4)
+    method = awake().eval()
+    with torch.no_grad():
+        actor, pose = posed(method, views, 4)
+        located = method.locate(actor, pose, views[3].posed_vertices, 0.5)
+        sides = nn.functional.normalize(located.canonical - torch.tensor([0.3, 0.2, 2.0]))
+        some = torch.tensor([7, 2, 40])
+        for directions in (sides, None):
+            values = method.field(actor, pose, replace(located, directions=directions))
+            torch.testing.assert_close(values.colours(some), values.rgb[some])
+
+
 def test_rays_bring_the_directions(support_views: Views, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both renderers tell from where each point is seen, chunk by chunk and when asked again."""
     views = support_views(4)
