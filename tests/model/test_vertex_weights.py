@@ -24,7 +24,9 @@ def test_distances_are_to_segments(rest_joints: Tensor) -> None:
     middle, across = (knee + ankle) / 2, torch.linalg.cross(knee - ankle, rest_joints.new_ones(3))
     beside = middle + 0.07 * across / across.norm()
     above = head + torch.tensor([0.0, 0.2, 0.0])
-    found = bone_distances(torch.stack([beside, above, ankle]), rest_joints)
+    below = ankle + 0.3 * (ankle - knee) / (ankle - knee).norm()
+    found = bone_distances(torch.stack([beside, above, ankle, below]), rest_joints)
+    assert found[3, 4] == pytest.approx(0.3, abs=1e-12)
     assert found[0, 4] == pytest.approx(0.07, abs=1e-12)
     assert found[1, 15] == pytest.approx(0.2)
     # The ankle ends the shin and begins the foot.
