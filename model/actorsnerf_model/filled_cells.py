@@ -101,9 +101,7 @@ class SkipEmpty(Generic[ActorState]):
         kept = may_hold(actor.cells, located.canonical.detach()).nonzero()[:, 0]
         return Located(located.index[kept], located.canonical[kept], located.likelihood[kept])
 
-    def field(
-        self, actor: FilledActor[ActorState], pose: PoseState, located: Located
-    ) -> Field:
+    def field(self, actor: FilledActor[ActorState], pose: PoseState, located: Located) -> Field:
         """The method's own."""
         return self.method.field(actor.actor, pose, located)
 

@@ -7,6 +7,7 @@ from actorsnerf_model.neuralbody import NeuralBodyConfig
 from actorsnerf_train.config import (
     PresetName,
     Rates,
+    TrainConfig,
     alone,
     fewshot,
     from_scratch,
@@ -67,15 +68,22 @@ def test_from_scratch_everything_learns_from_count_zero() -> None:
     assert config.losses == pretraining("small").losses
 
 
+def _has_tuned_rates(baseline: TrainConfig, ours: TrainConfig) -> None:
+    """All rates of `small` times what tuning found; the same rates elsewhere."""
+    scale = 2.0 if ours.preset in ("small", "small-vgg") else 1.0
+    assert baseline.rates == replace(ours.rates, scale=scale * ours.rates.scale)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_baseline_learns_on_equal_terms(preset: PresetName) -> None:
-    """Same pictures, steps, rates, patches and background; its own networks, mask and losses."""
+    """Same pictures, steps, patches and background; its own networks, mask, scale of rates."""
     baseline, ours = humannerf(preset), from_scratch(fewshot(preset))
     assert (baseline.method, baseline.stage) == ("humannerf", "fewshot")
     assert isinstance(baseline.model, HumanNeRFConfig)
     assert (baseline.render.soft_mask, ours.render.soft_mask) == (True, False)
     assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
-    for name in ("schedule", "patches", "rates", "seed", "precision"):
+    _has_tuned_rates(baseline, ours)
+    for name in ("schedule", "patches", "seed", "precision"):
         assert getattr(baseline, name) == getattr(ours, name)
     assert replace(baseline.render, soft_mask=False) == ours.render
     assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses
@@ -83,13 +91,14 @@ def test_the_baseline_learns_on_equal_terms(preset: PresetName) -> None:
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_neural_body_learns_on_equal_terms(preset: PresetName) -> None:
-    """Same pictures, steps, rates, patches, samples and background; its own networks."""
+    """Same pictures, steps, patches, samples and background; its own networks, scale of rates."""
     baseline, ours = neuralbody(preset), from_scratch(fewshot(preset))
     assert (baseline.method, baseline.stage) == ("neuralbody", "fewshot")
     assert isinstance(baseline.model, NeuralBodyConfig)
     assert baseline.model.field.density == ("relu" if preset == "official" else "softplus")
     assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
-    for name in ("schedule", "patches", "rates", "seed", "precision", "render"):
+    _has_tuned_rates(baseline, ours)
+    for name in ("schedule", "patches", "seed", "precision", "render"):
         assert getattr(baseline, name) == getattr(ours, name)
     assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses
 

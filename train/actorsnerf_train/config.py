@@ -40,6 +40,11 @@ SHORT_RUN_SQUARED_ERROR = 3.0
 of no actor after 1,250 steps (measured on synthetic actors)."""
 
 
+BASELINE_RATE_SCALE = 2.0
+"""Of `small`, times ActorsNeRF's rates: the best of those tried for both baselines, by LPIPS after
+250 steps on an actor of no other run (benchmarks/results/tuning.md)."""
+
+
 @dataclass(frozen=True)
 class Rates:
     """Adam's base rate of each part (paper, section 4.1; released code)."""
@@ -195,6 +200,7 @@ def humannerf(preset: PresetName) -> TrainConfig:
         base,
         method="humannerf",
         model=model,
+        rates=_tuned(base),
         render=replace(base.render, soft_mask=True),
         losses=replace(base.losses, skinning=0.0),
     )
@@ -219,7 +225,15 @@ def neuralbody(preset: PresetName) -> TrainConfig:
         case "tiny":
             model = NEURALBODY_TINY
     losses = replace(base.losses, skinning=0.0)
-    return replace(base, method="neuralbody", model=model, losses=losses)
+    rates = _tuned(base)
+    return replace(base, method="neuralbody", model=model, losses=losses, rates=rates)
+
+
+def _tuned(config: TrainConfig) -> Rates:
+    """The rates of a baseline; other presets than `small` were not tuned."""
+    tuned = config.preset in ("small", "small-vgg")
+    scale = config.rates.scale * (BASELINE_RATE_SCALE if tuned else 1.0)
+    return replace(config.rates, scale=scale)
 
 
 def alone(method: MethodName, preset: PresetName) -> TrainConfig:
