@@ -18,7 +18,7 @@ from actorsnerf_model.posed_grid import PosedGrid
 
 STEP = 0.02
 """Metres between samples along the optical axis."""
-ROUND = 8
+ROUND = 12
 """Samples of a ray before its light is measured; twice as many each time after."""
 LEAST_WEIGHT = 1 / 512
 """Share of a pixel below which a sample's colour is not asked for; the others stand in for it."""
@@ -103,7 +103,8 @@ def march(
 
 def _steps(grid: PosedGrid, rays: Stretches) -> _Rays:
     first, last = (rays.near / STEP).floor(), (rays.far / STEP).ceil()
-    length = torch.linalg.vector_norm(rays.directions, dim=0) * STEP
+    x, y, z = rays.directions.unbind(0)
+    length = (x * x + y * y + z * z).sqrt() * STEP  # several times faster than a norm
     origin = (rays.origin - grid.low) / grid.edge
     return _Rays(origin, rays.directions / grid.edge, length, first, last)
 

@@ -21,7 +21,7 @@ MAP = 16
 """Numbers of a map."""
 ROUGH = 0.008
 """Metres between a node's place and its cell's map from which the warp counts as no linear map:
-a fine voxel. It happens where bones meet that point apart."""
+about a voxel. It happens where bones meet that point apart."""
 
 
 @dataclass(frozen=True)
