@@ -4,7 +4,6 @@ Category-level parts (encoder, skinning) are shared by all people; instance-leve
 (deformation, SMPL feature diffusion, rendering) adapt to one actor in few-shot training.
 """
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 import torch
@@ -84,9 +83,8 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             config: sizes and parts.
             network_dtype: of the products inside networks; geometry keeps its inputs' precision.
         """
-        super().__init__()
+        super().__init__(network_dtype)
         self.config = config
-        self.network_dtype = network_dtype
         pixel_channels = TRUNK_CHANNELS[config.encoder.trunk] if config.pixel_features else 0
         body_channels = config.sparse.tapped_channels if config.body_features else 0
         self.encoder = (
@@ -169,7 +167,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         if self.encoder is None:
             return CategoryPrior(body, None, None)
         pictures = support_pictures(supports, self.config.encoder.background)
-        with self._networks(pictures):
+        with self.networks(pictures):
             trunk, reduced = self.encoder(pictures)
         vertices = None
         if reduced is not None:
@@ -183,7 +181,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         box = prior.body.geometry.box
         maps = None
         if prior.trunk is not None:
-            with self._networks(box):
+            with self.networks(box):
                 table = F.linear(prior.trunk.table, self._map_weight(window)).to(box.dtype)
             maps = FeatureMap(table, prior.trunk.first)
         plan = prior.body.geometry.plan
@@ -249,7 +247,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         pixels, codes = self._pixel_features(actor, points)
         if self._deforms(actor.window):
             assert self.deformation is not None
-            with self._networks(points):
+            with self.networks(points):
                 offset = self.deformation(normal, actor.window, pose.pose, codes)
             normal = normal + offset.to(normal.dtype)
             points = (normal + 1) * ((high - low) / 2) + low
@@ -268,7 +266,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         given = self.deformation_input(actor, points)
         if given is None or self.deformation is None:
             return torch.zeros_like(points)
-        with self._networks(points):
+        with self.networks(points):
             moved = [self.deformation.from_input(given, pose).to(points.dtype) for pose in poses]
         offset: Tensor = torch.stack(moved).mean(0) * ((high - low) / 2)
         return offset
@@ -293,12 +291,12 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         pixels: Float[Tensor, "points views code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> DensityFirst:
-        with self._networks(normal):
+        with self.networks(normal):
             features = self.radiance.features(normal, pixels, body)
             density = self.radiance.density(features)
 
         def paint(which: Tensor | None) -> Tensor:
-            with self._networks(normal):
+            with self.networks(normal):
                 return self.radiance.colour(features if which is None else features.chosen(which))
 
         return DensityFirst(density, paint)
@@ -315,7 +313,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         low, high = actor.body.geometry.box
         codes = self._pixel_features(actor, points)[1]
         normal = (points - low) * (2 / (high - low)) - 1
-        with self._networks(points):
+        with self.networks(points):
             return self.deformation.point_input(normal, actor.window, codes)
 
     def _pixel_features(
@@ -330,11 +328,3 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             read = read_features(actor.maps, actor.body.cameras, posed)
         code = self.config.radiance.code
         return read[..., :code], read[..., code:] if read.shape[-1] > code else None
-
-    def _networks(self, like: Tensor) -> AbstractContextManager[None]:
-        """Autocast to the networks' precision on the tensor's device."""
-        return torch.autocast(
-            like.device.type,
-            dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
-            enabled=self.network_dtype != torch.float32,
-        )

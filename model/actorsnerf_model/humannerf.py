@@ -6,7 +6,6 @@ that read no picture; metres instead of normalised coordinates; opacity times li
 (`RenderOptions.soft_mask`).
 """
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 import torch
@@ -84,9 +83,8 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
 
     def __init__(self, config: HumanNeRFConfig, network_dtype: torch.dtype = torch.float32) -> None:
         """Random weights; parts that the configuration switches off do not exist."""
-        super().__init__()
+        super().__init__(network_dtype)
         self.config = config
-        self.network_dtype = network_dtype
         self.skinning = skinning_decoder(config.skinning)
         self.refiner = None if config.refiner is None else PoseRefiner(config.refiner)
         self.motion = None if config.motion is None else NonRigidMotion(config.motion)
@@ -143,7 +141,7 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
         frames = posed_frames(pose, rest_joints)
         bounds = observation_bounds(frames[1])
         if self.refiner is not None:
-            with self._networks(pose):
+            with self.networks(pose):
                 turned = self.refiner(pose)
             frames = chained_frames(turned, rest_joints)
         there, back = motions_between(*frames, actor.body.canonical_joints)
@@ -165,16 +163,9 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
         """Colour and density at located points."""
         points = located.canonical
         if self.motion is not None and actor.window > 0:
-            with self._networks(points):
+            with self.networks(points):
                 offset = self.motion(points, actor.window, pose.pose)
             points = points + offset.to(points.dtype)
-        with self._networks(points):
+        with self.networks(points):
             rgb, density = self.canonical(points)
         return FieldValues(rgb, density)
-
-    def _networks(self, like: Tensor) -> AbstractContextManager[None]:
-        return torch.autocast(
-            like.device.type,
-            dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
-            enabled=self.network_dtype != torch.float32,
-        )

@@ -7,8 +7,10 @@ is made once there and each step elsewhere. The instance state is made anew when
 """
 
 from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
 from typing import Generic, TypeVar
 
+import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
@@ -29,6 +31,19 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
     """Whether colour depends on the side that a point is seen from."""
     canonical_space: bool = True
     """Whether located points lie in one frame for all poses."""
+
+    def __init__(self, network_dtype: torch.dtype) -> None:
+        """Nothing but the precision of products inside networks."""
+        super().__init__()
+        self.network_dtype = network_dtype
+
+    def networks(self, like: Tensor) -> AbstractContextManager[None]:
+        """Autocast to the networks' precision on the tensor's device."""
+        return torch.autocast(
+            like.device.type,
+            dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
+            enabled=self.network_dtype != torch.float32,
+        )
 
     @abstractmethod
     def parts(self) -> dict[str, nn.Module]:

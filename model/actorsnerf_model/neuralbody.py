@@ -16,7 +16,6 @@ methods. The released code differs in these:
   and direction are the body's.
 """
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 import torch
@@ -115,9 +114,8 @@ class NeuralBody(LearnedMethod[BodyAtRest, NeuralBodyState, NeuralBodyState]):
         self, config: NeuralBodyConfig, network_dtype: torch.dtype = torch.float32
     ) -> None:
         """Random weights."""
-        super().__init__()
+        super().__init__(network_dtype)
         self.config = config
-        self.network_dtype = network_dtype
         self.codes = Codes(config)
         self.sparse = SparseNet(config.sparse, config.code)
         self.radiance = ViewField(config.field, config.sparse.tapped_channels)
@@ -206,21 +204,14 @@ class NeuralBody(LearnedMethod[BodyAtRest, NeuralBodyState, NeuralBodyState]):
         points, sides, latent = located.canonical, located.directions, pose.latent
         with torch.autocast(points.device.type, enabled=False):
             features = query(pose.levels, points)
-        with self._networks(points):
+        with self.networks(points):
             hidden = self.radiance.hidden(features)
             density = self.radiance.density(hidden, points.dtype)
 
         def paint(which: Tensor | None) -> Tensor:
             some = slice(None) if which is None else which
             seen = None if sides is None else sides[some]
-            with self._networks(points):
+            with self.networks(points):
                 return self.radiance.rgb(hidden[some], points[some], seen, latent)
 
         return DensityFirst(density, paint)
-
-    def _networks(self, like: Tensor) -> AbstractContextManager[None]:
-        return torch.autocast(
-            like.device.type,
-            dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
-            enabled=self.network_dtype != torch.float32,
-        )
