@@ -68,9 +68,9 @@ def test_from_scratch_everything_learns_from_count_zero() -> None:
     assert config.losses == pretraining("small").losses
 
 
-def _has_tuned_rates(baseline: TrainConfig, ours: TrainConfig, factor: float) -> None:
+def _has_tuned_rates(baseline: TrainConfig, ours: TrainConfig) -> None:
     """All rates of `small` times what tuning found; the same rates elsewhere."""
-    scale = factor if ours.preset in ("small", "small-vgg") else 1.0
+    scale = 2.0 if ours.preset in ("small", "small-vgg") else 1.0
     assert baseline.rates == replace(ours.rates, scale=scale * ours.rates.scale)
 
 
@@ -82,7 +82,7 @@ def test_the_baseline_learns_on_equal_terms(preset: PresetName) -> None:
     assert isinstance(baseline.model, HumanNeRFConfig)
     assert (baseline.render.soft_mask, ours.render.soft_mask) == (True, False)
     assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
-    _has_tuned_rates(baseline, ours, 2.0)
+    _has_tuned_rates(baseline, ours)
     for name in ("schedule", "patches", "seed", "precision"):
         assert getattr(baseline, name) == getattr(ours, name)
     assert replace(baseline.render, soft_mask=False) == ours.render
@@ -97,7 +97,7 @@ def test_neural_body_learns_on_equal_terms(preset: PresetName) -> None:
     assert isinstance(baseline.model, NeuralBodyConfig)
     assert baseline.model.field.density == ("relu" if preset == "official" else "softplus")
     assert (baseline.losses.skinning, baseline.freeze_category) == (0.0, False)
-    _has_tuned_rates(baseline, ours, 4.0)
+    _has_tuned_rates(baseline, ours)
     for name in ("schedule", "patches", "seed", "precision", "render"):
         assert getattr(baseline, name) == getattr(ours, name)
     assert replace(baseline.losses, skinning=ours.losses.skinning) == ours.losses

@@ -40,10 +40,9 @@ SHORT_RUN_SQUARED_ERROR = 3.0
 of no actor after 1,250 steps (measured on synthetic actors)."""
 
 
-HUMANNERF_RATE_SCALE = 2.0
-NEURALBODY_RATE_SCALE = 4.0
-"""Of `small`, times ActorsNeRF's rates: the best of 0.5, 1, 2 and 4 (Neural Body: 1, 2 and 4), by
-LPIPS after 250 steps on an actor of no other run (benchmarks/results/tuning.md)."""
+BASELINE_RATE_SCALE = 2.0
+"""Of `small`, times ActorsNeRF's rates: the best for both baselines of those at which they do not
+collapse, by LPIPS after 250 steps on an actor of no other run (benchmarks/results/tuning.md)."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,7 @@ def humannerf(preset: PresetName) -> TrainConfig:
         base,
         method="humannerf",
         model=model,
-        rates=_tuned(base, HUMANNERF_RATE_SCALE),
+        rates=_tuned(base),
         render=replace(base.render, soft_mask=True),
         losses=replace(base.losses, skinning=0.0),
     )
@@ -226,14 +225,14 @@ def neuralbody(preset: PresetName) -> TrainConfig:
         case "tiny":
             model = NEURALBODY_TINY
     losses = replace(base.losses, skinning=0.0)
-    rates = _tuned(base, NEURALBODY_RATE_SCALE)
+    rates = _tuned(base)
     return replace(base, method="neuralbody", model=model, losses=losses, rates=rates)
 
 
-def _tuned(config: TrainConfig, factor: float) -> Rates:
+def _tuned(config: TrainConfig) -> Rates:
     """The rates of a baseline; other presets than `small` were not tuned."""
     tuned = config.preset in ("small", "small-vgg")
-    scale = config.rates.scale * (factor if tuned else 1.0)
+    scale = config.rates.scale * (BASELINE_RATE_SCALE if tuned else 1.0)
     return replace(config.rates, scale=scale)
 
 
