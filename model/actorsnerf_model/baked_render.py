@@ -20,8 +20,10 @@ from actorsnerf_model.states import Camera, Counts, Rendering, RenderOptions
 
 STOP = 1 / 256
 """Light below which a ray ends; half a grey level at most."""
-FINE = 0.75
-"""Voxels that the nearest pixel may measure for every second one to be left to its neighbours."""
+FINE = 0.5
+"""Voxels that the nearest pixel may measure for every second one to be left to its neighbours: the
+drawn ones then are no farther apart than what the grid can tell. (At 0.7, LPIPS x1000 was 2 worse.)
+"""
 SURFACE = 0.03
 """Metres of depth between pixels that can show the same surface."""
 OPAQUE = 0.9

@@ -44,7 +44,7 @@ another pose bones meet other neighbours, so this looks beyond the canonical she
 class BakeOptions:
     """How fine an actor is baked."""
 
-    voxel: float = 0.01
+    voxel: float = 0.006
     """Distance between the nodes of colour and density, metres."""
     offset_spacing: float = 0.04
     """Distance between the nodes of the deformation, metres."""
