@@ -7,6 +7,7 @@ import pytest
 
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.__main__ import main
+from actorsnerf_train.health import TrainingError
 from actorsnerf_train.options import Resources
 from actorsnerf_train.pictures import write_png
 from actorsnerf_train.result import CurvePoint, MeanRow, StripLayout, StripRow
@@ -101,6 +102,35 @@ def test_what_is_missing_is_made_and_nothing_twice(
     run_tables(options)
     assert made == ["eve-fewshot-5-humannerf-seed0"]
     assert "HumanNeRF" in (tmp_path / "table_box.md").read_text()
+
+
+def test_a_collapsed_fitting_does_not_cost_the_others(
+    people: "People", write: "WriteResult", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def collapsing(run: Run, *rest: object) -> None:
+        made.append(run.folder.name)
+        if run.method == "humannerf" or run.setting is None:
+            raise TrainingError("step 9: the actor has vanished.")
+
+    monkeypatch.setattr(command, "execute", collapsing)
+    write((20.0, 0.9, 80.0))
+    options = TablesOptions(
+        tmp_path,
+        data=(people.eve,),
+        preset="tiny",
+        methods=("humannerf", "scratch"),
+        settings=("fewshot-5",),
+        use=Resources(workers=0, check=False),
+    )
+    told = run_tables(options)
+    assert made == ["eve-fewshot-5-humannerf-seed0", "eve-fewshot-5-scratch-seed0"]
+    assert told[0] == "not made: eve-fewshot-5-humannerf-seed0: step 9: the actor has vanished."
+    assert any(line.startswith("table: ") for line in told)
+    with pytest.raises(TrainingError, match="vanished"):
+        run_tables(replace(options, data=(people.ann, people.eve), methods=("actorsnerf",)))
+    assert made[2:] == ["category"]
 
 
 def test_a_dry_run_only_tells(

@@ -6,6 +6,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.health import TrainingError
 from actorsnerf_train.metrics import ConventionName
 from actorsnerf_train.result_file import RESULT_NAME
 from actorsnerf_train.tables.curve_plot import write_curve_plot
@@ -40,16 +41,33 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     missing = [run for run in runs if run.status != "done"]
     if missing:
         tqdm.write("\n".join(describe_plan(runs)))
-    for number, run in enumerate(missing, start=1):
-        tqdm.write(f"\nrun {number} of {len(missing)}: {run.folder.name}")
-        execute(run, options.preset, options.list, options.use, options.max_frames)
+    lost = _make(missing, options)
     entries = gather((options.out, *options.results))
     refuse_unequal(entries)
     options.out.mkdir(parents=True, exist_ok=True)
     told = [path for name in options.conventions for path in _write(options.out, entries, name)]
     told += _write_curves(options.out, entries)
     told += write_side_by_side(options.out, entries)
-    return tuple(f"table: {path}" for path in told)
+    return (*lost, *(f"table: {path}" for path in told))
+
+
+def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:
+    """What to tell of the runs that collapsed; the others are made.
+
+    Raises:
+        TrainingError: a category training collapsed, from which others would begin.
+    """
+    lost = []
+    for number, run in enumerate(missing, start=1):
+        tqdm.write(f"\nrun {number} of {len(missing)}: {run.folder.name}")
+        try:
+            execute(run, options.preset, options.list, options.use, options.max_frames)
+        except TrainingError as error:
+            if run.setting is None:
+                raise
+            lost.append(f"not made: {run.folder.name}: {error}")
+            tqdm.write(lost[-1])
+    return lost
 
 
 def _write(out: Path, entries: Sequence[Entry], convention: ConventionName) -> list[Path]:
