@@ -21,10 +21,10 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baking import BakeOptions, bake
-from actorsnerf_model.bricks import BrickGrid, brick_table, look_up
-from actorsnerf_model.bricks import density_from_activation as density_from
-from actorsnerf_model.filled_voxels import filled_voxels
+from actorsnerf_model.baked.baking import BakeOptions, bake
+from actorsnerf_model.baked.bricks import BrickGrid, brick_table, look_up
+from actorsnerf_model.baked.bricks import density_from_activation as density_from
+from actorsnerf_model.baked.filled_voxels import filled_voxels
 from actorsnerf_train.checkpoint import load_checkpoint
 from actorsnerf_train.trained import TrainedActor, load_trained
 

@@ -11,14 +11,14 @@ from actorsnerf_datasets.skeleton import PARENTS
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import (
+from actorsnerf_model.baked.actor import (
     BakedActor,
     BakedActorData,
     BakedPose,
     BakedState,
     baked_state,
 )
-from actorsnerf_model.baking import BakeOptions, BakeReport, bake
+from actorsnerf_model.baked.baking import BakeOptions, BakeReport, bake
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
 from actorsnerf_model.presets import TINY

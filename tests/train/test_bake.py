@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_model.baked import BakedState
+from actorsnerf_model.baked.actor import BakedState
 from actorsnerf_train.__main__ import main
 from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.bake import BakeCommand, run_bake

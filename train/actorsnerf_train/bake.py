@@ -7,8 +7,8 @@ from typing import Any
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked_file import SUFFIX, write_baked
-from actorsnerf_model.baking import BakeOptions, bake
+from actorsnerf_model.baked.baking import BakeOptions, bake
+from actorsnerf_model.baked.file import SUFFIX, write_baked
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.records import to_json
 from actorsnerf_train.trained import Baking, TrainedActor, load_trained

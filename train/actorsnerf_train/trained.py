@@ -11,10 +11,10 @@ from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import supports_from_tensors
-from actorsnerf_model.baked import BakedActor, BakedPose, BakedState, baked_state
-from actorsnerf_model.baked_file import SUFFIX, BakedFileError, read_baked
-from actorsnerf_model.baked_render import render_baked
-from actorsnerf_model.baking import BakeOptions, BakeReport
+from actorsnerf_model.baked.actor import BakedActor, BakedPose, BakedState, baked_state
+from actorsnerf_model.baked.baking import BakeOptions, BakeReport
+from actorsnerf_model.baked.file import SUFFIX, BakedFileError, read_baked
+from actorsnerf_model.baked.render import render_baked
 from actorsnerf_model.render import render
 from actorsnerf_model.states import (
     ActorState,

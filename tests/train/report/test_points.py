@@ -6,7 +6,7 @@ import torch
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baking import BakeOptions, BakeReport
+from actorsnerf_model.baked.baking import BakeOptions, BakeReport
 from actorsnerf_model.filled_cells import FilledActor, SkipEmpty
 from actorsnerf_model.neuralbody import NeuralBody, NeuralBodyState
 from actorsnerf_model.states import RenderOptions

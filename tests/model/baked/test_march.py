@@ -4,10 +4,10 @@ import math
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedPose, BakedState
-from actorsnerf_model.bricks import look_up
-from actorsnerf_model.march import LEAST_WEIGHT, STEP, march
-from actorsnerf_model.part_shadows import Stretches
+from actorsnerf_model.baked.actor import BakedPose, BakedState
+from actorsnerf_model.baked.bricks import look_up
+from actorsnerf_model.baked.march import LEAST_WEIGHT, STEP, march
+from actorsnerf_model.baked.part_shadows import Stretches
 
 STOP = 1 / 256
 THRESHOLD = 0.01

@@ -4,9 +4,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedState
-from actorsnerf_model.bricks import VISIBLE_DENSITY, look_up
-from actorsnerf_model.part_maps import PARTS, PartMaps, live_parts
+from actorsnerf_model.baked.actor import BakedState
+from actorsnerf_model.baked.bricks import VISIBLE_DENSITY, look_up
+from actorsnerf_model.baked.part_maps import PARTS, PartMaps, live_parts
 
 SIZES = (7, 6, 8)
 """Nodes along x, y, z."""

@@ -8,14 +8,21 @@ import torch
 from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
-from actorsnerf_model import baked_render, filled_voxels
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import BakedActor, BakedActorData, BakedPose, BakedState, baked_state
-from actorsnerf_model.baked_render import render_baked
-from actorsnerf_model.baking import BakeOptions, BakeReport, bake
-from actorsnerf_model.bricks import VISIBLE_DENSITY
-from actorsnerf_model.march import STEP
+from actorsnerf_model.baked import filled_voxels
+from actorsnerf_model.baked import render as baked_render
+from actorsnerf_model.baked.actor import (
+    BakedActor,
+    BakedActorData,
+    BakedPose,
+    BakedState,
+    baked_state,
+)
+from actorsnerf_model.baked.baking import BakeOptions, BakeReport, bake
+from actorsnerf_model.baked.bricks import VISIBLE_DENSITY
+from actorsnerf_model.baked.march import STEP
+from actorsnerf_model.baked.render import render_baked
 from actorsnerf_model.render import render
 from actorsnerf_model.states import Camera, RenderOptions
 

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
-from actorsnerf_model.bricks import CELLS, SIDE, VISIBLE_DENSITY, BrickGrid, density_from_code
+from actorsnerf_model.baked.bricks import CELLS, SIDE, VISIBLE_DENSITY, BrickGrid, density_from_code
 from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.skinning import SkinningVolume, nodes_from_canonical
 

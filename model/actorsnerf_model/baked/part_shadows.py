@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from actorsnerf_model.posed_grid import PosedGrid
+from actorsnerf_model.baked.posed_grid import PosedGrid
 from actorsnerf_model.projection import NEAR_PLANE
 from actorsnerf_model.rays import rays_through
 from actorsnerf_model.states import Camera

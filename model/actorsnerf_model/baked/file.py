@@ -16,9 +16,9 @@ import torch
 from torch import Tensor
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_model.baked import BakedActorData
-from actorsnerf_model.bricks import BrickGrid
-from actorsnerf_model.offset_nodes import Layer, OffsetNodes
+from actorsnerf_model.baked.actor import BakedActorData
+from actorsnerf_model.baked.bricks import BrickGrid
+from actorsnerf_model.baked.offset_nodes import Layer, OffsetNodes
 from actorsnerf_model.skinning import SkinningVolume
 
 SUFFIX = ".safetensors"

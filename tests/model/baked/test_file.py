@@ -8,15 +8,15 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedActorData
-from actorsnerf_model.baked_file import (
+from actorsnerf_model.baked.actor import BakedActorData
+from actorsnerf_model.baked.baking import BakeReport
+from actorsnerf_model.baked.file import (
     FORMAT,
     FORMAT_VERSION,
     BakedFileError,
     read_baked,
     write_baked,
 )
-from actorsnerf_model.baking import BakeReport
 
 CPU = torch.device("cpu")
 Bake = Callable[[float], tuple[BakedActorData, BakeReport]]

@@ -7,10 +7,10 @@ import torch
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import BakedActorData
-from actorsnerf_model.baking import FOLLOWS, BakeOptions, BakeReport, bake
-from actorsnerf_model.bricks import VISIBLE_DENSITY, brick_table, look_up
-from actorsnerf_model.offset_nodes import offsets_in_pose
+from actorsnerf_model.baked.actor import BakedActorData
+from actorsnerf_model.baked.baking import FOLLOWS, BakeOptions, BakeReport, bake
+from actorsnerf_model.baked.bricks import VISIBLE_DENSITY, brick_table, look_up
+from actorsnerf_model.baked.offset_nodes import offsets_in_pose
 
 Bake = Callable[[float], tuple[BakedActorData, BakeReport]]
 

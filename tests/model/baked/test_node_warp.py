@@ -1,7 +1,7 @@
 import torch
 
-from actorsnerf_model.baked import BakedPose, BakedState
-from actorsnerf_model.node_warp import warped
+from actorsnerf_model.baked.actor import BakedPose, BakedState
+from actorsnerf_model.baked.node_warp import warped
 from actorsnerf_model.skinning import backward_warp
 
 

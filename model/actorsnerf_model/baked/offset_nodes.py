@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from actorsnerf_model.bricks import read_corners
+from actorsnerf_model.baked.bricks import read_corners
 from actorsnerf_model.deformation import POSE_NUMBERS
 
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedPose
-from actorsnerf_model.part_shadows import part_shadows, stretches
+from actorsnerf_model.baked.actor import BakedPose
+from actorsnerf_model.baked.part_shadows import part_shadows, stretches
 from actorsnerf_model.projection import project
 from actorsnerf_model.rays import rays_through
 from actorsnerf_model.states import Camera

@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedActor, BakedPose, BakedState, instance_points
-from actorsnerf_model.bricks import VISIBLE_DENSITY
-from actorsnerf_model.filled_voxels import grown
-from actorsnerf_model.posed_grid import CELL, PosedGrid, posed_grid
+from actorsnerf_model.baked.actor import BakedActor, BakedPose, BakedState, instance_points
+from actorsnerf_model.baked.bricks import VISIBLE_DENSITY
+from actorsnerf_model.baked.filled_voxels import grown
+from actorsnerf_model.baked.posed_grid import CELL, PosedGrid, posed_grid
 from actorsnerf_model.skinning_bounds import locate
 
 

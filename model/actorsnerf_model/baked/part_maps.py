@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from actorsnerf_model.filled_voxels import FilledVoxels
+from actorsnerf_model.baked.filled_voxels import FilledVoxels
 
 PARTS = 2
 """Parts of a cell along each axis; each has a map of its own and is stepped over if empty."""

@@ -1,9 +1,9 @@
 import torch
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedState
-from actorsnerf_model.bricks import VISIBLE_DENSITY, look_up
-from actorsnerf_model.filled_voxels import FilledVoxels, anchors, filled_voxels, grown
+from actorsnerf_model.baked.actor import BakedState
+from actorsnerf_model.baked.bricks import VISIBLE_DENSITY, look_up
+from actorsnerf_model.baked.filled_voxels import FilledVoxels, anchors, filled_voxels, grown
 from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.skinning import SkinningVolume, nodes_from_canonical
 

@@ -17,15 +17,15 @@ from torch import Tensor
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import BakedActorData
-from actorsnerf_model.bricks import CELLS, LEAST_DENSITY, SIDE, BrickGrid, encode
-from actorsnerf_model.deformation import POSE_NUMBERS, Deformation
-from actorsnerf_model.interpolation import trilinear
-from actorsnerf_model.offset_nodes import (
+from actorsnerf_model.baked.actor import BakedActorData
+from actorsnerf_model.baked.bricks import CELLS, LEAST_DENSITY, SIDE, BrickGrid, encode
+from actorsnerf_model.baked.offset_nodes import (
     Layer,
     OffsetNodes,
     offsets_in_pose,
 )
+from actorsnerf_model.deformation import POSE_NUMBERS, Deformation
+from actorsnerf_model.interpolation import trilinear
 from actorsnerf_model.skinning import SkinningVolume, nodes_from_canonical
 from actorsnerf_model.states import Field
 

@@ -12,9 +12,9 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from actorsnerf_model.filled_voxels import Anchors, FilledVoxels, grown
-from actorsnerf_model.node_warp import LEAST_LIKELIHOOD
-from actorsnerf_model.part_maps import PARTS, PartMaps, live_parts
+from actorsnerf_model.baked.filled_voxels import Anchors, FilledVoxels, grown
+from actorsnerf_model.baked.node_warp import LEAST_LIKELIHOOD
+from actorsnerf_model.baked.part_maps import PARTS, PartMaps, live_parts
 
 CELL = 0.04
 """Metres between the nodes at which the warp is computed."""

@@ -3,15 +3,15 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from actorsnerf_model.deformation import POSE_NUMBERS
-from actorsnerf_model.interpolation import trilinear
-from actorsnerf_model.offset_nodes import (
+from actorsnerf_model.baked.offset_nodes import (
     Layer,
     OffsetNodes,
     offset_volume,
     offsets_at,
     offsets_in_pose,
 )
+from actorsnerf_model.deformation import POSE_NUMBERS
+from actorsnerf_model.interpolation import trilinear
 
 LOW = torch.tensor([1.0, 2.0, 3.0])
 

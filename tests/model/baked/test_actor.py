@@ -8,8 +8,8 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.actorsnerf import ActorsNeRF
-from actorsnerf_model.baked import BakedActor, BakedActorData, BakedState, baked_state
-from actorsnerf_model.baking import BakeReport
+from actorsnerf_model.baked.actor import BakedActor, BakedActorData, BakedState, baked_state
+from actorsnerf_model.baked.baking import BakeReport
 from actorsnerf_model.states import Method
 
 Bake = Callable[[float], tuple[BakedActorData, BakeReport]]

@@ -12,9 +12,9 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedActor, BakedPose, BakedState
-from actorsnerf_model.march import STEP, Marched, march
-from actorsnerf_model.part_shadows import Shadow, part_shadows, stretches
+from actorsnerf_model.baked.actor import BakedActor, BakedPose, BakedState
+from actorsnerf_model.baked.march import STEP, Marched, march
+from actorsnerf_model.baked.part_shadows import Shadow, part_shadows, stretches
 from actorsnerf_model.render import render
 from actorsnerf_model.states import Camera, Counts, Rendering, RenderOptions
 

@@ -14,18 +14,18 @@ from torch import Tensor
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
-from actorsnerf_model.bricks import BrickGrid, BrickTable, brick_table, look_up
-from actorsnerf_model.filled_voxels import Anchors, FilledVoxels, anchors, filled_voxels
-from actorsnerf_model.kinematics import motions_between, observation_bounds, posed_frames
-from actorsnerf_model.node_warp import LEVEL, warped
-from actorsnerf_model.offset_nodes import (
+from actorsnerf_model.baked.bricks import BrickGrid, BrickTable, brick_table, look_up
+from actorsnerf_model.baked.filled_voxels import Anchors, FilledVoxels, anchors, filled_voxels
+from actorsnerf_model.baked.node_warp import LEVEL, warped
+from actorsnerf_model.baked.offset_nodes import (
     OffsetNodes,
     offset_volume,
     offsets_at,
     offsets_in_pose,
 )
-from actorsnerf_model.part_maps import PARTS
-from actorsnerf_model.posed_grid import CELL, PosedGrid, posed_grid
+from actorsnerf_model.baked.part_maps import PARTS
+from actorsnerf_model.baked.posed_grid import CELL, PosedGrid, posed_grid
+from actorsnerf_model.kinematics import motions_between, observation_bounds, posed_frames
 from actorsnerf_model.skinning import SkinningVolume
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.states import FieldValues, Located, Occupancy, PoseState

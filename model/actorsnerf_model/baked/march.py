@@ -11,10 +11,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from actorsnerf_model.baked import BakedPose
-from actorsnerf_model.bricks import BrickTable, Cells, cells_at, colour_at, density_at
-from actorsnerf_model.part_shadows import Stretches
-from actorsnerf_model.posed_grid import PosedGrid
+from actorsnerf_model.baked.actor import BakedPose
+from actorsnerf_model.baked.bricks import BrickTable, Cells, cells_at, colour_at, density_at
+from actorsnerf_model.baked.part_shadows import Stretches
+from actorsnerf_model.baked.posed_grid import PosedGrid
 
 STEP = 0.02
 """Metres between samples along the optical axis."""

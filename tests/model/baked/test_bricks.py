@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from actorsnerf_model.bricks import (
+from actorsnerf_model.baked.bricks import (
     CELLS,
     LEAST_DENSITY,
     MOST_DENSITY,
