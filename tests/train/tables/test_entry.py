@@ -49,6 +49,10 @@ def test_nothing_to_gather(tmp_path: Path) -> None:
         ({"background": (1.0, 1.0, 1.0)}, "actor eve was measured on another background"),
         ({"dataset": "aist++", "actor": "d16"}, "its dataset is aist"),
         ({"preset": "tiny", "actor": "zoe"}, "its preset is tiny"),
+        (
+            {"configuration": {"model": {"deformation": True}, "rates": {}}, "actor": "zoe"},
+            r"its rates are not those of .*, which is ActorsNeRF too",
+        ),
     ],
 )
 def test_what_cannot_share_a_table_is_refused(

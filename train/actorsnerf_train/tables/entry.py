@@ -74,15 +74,20 @@ def gather(places: Sequence[Path]) -> tuple[Entry, ...]:
     return tuple(entries)
 
 
+LEARNING = ("rates", "losses", "patches")
+"""Of a configuration, what all runs of a row share: a baseline tuned since is another baseline."""
+
+
 def refuse_unequal(entries: Sequence[Entry]) -> None:
     """Nothing, if the entries may stand in one table.
 
     Raises:
-        UserError: two of one actor measured different data, frames, cameras or backgrounds, or two
-            are of different data sets or presets.
+        UserError: two of one actor measured different data, frames, cameras or backgrounds, two
+            are of different data sets or presets, or two of one row learned in different ways.
     """
     first = entries[0]
     known: dict[str, Entry] = {}
+    rows: dict[str, Entry] = {}
     for entry in entries:
         for name in ("dataset", "preset"):
             one, other = getattr(first.result, name), getattr(entry.result, name)
@@ -90,6 +95,13 @@ def refuse_unequal(entries: Sequence[Entry]) -> None:
                 raise UserError(
                     f"{entry.path}: its {name} is {other}, that of {first.path} is {one}: one "
                     f"table has one; leave one of them out."
+                )
+        row = rows.setdefault(entry.label, entry)
+        for name in LEARNING:
+            if row.result.configuration.get(name) != entry.result.configuration.get(name):
+                raise UserError(
+                    f"{entry.path}: its {name} are not those of {row.path}, which is {entry.label} "
+                    "too: one row has one way to learn; leave one of them out."
                 )
         mate = known.setdefault(entry.result.actor, entry)
         for name in ("data_sha256", "frames", "cameras", "background"):
