@@ -150,10 +150,21 @@ def test_colours_of_what_hardly_shows_are_not_asked_for(
     before = scene.method.painted
     spare = dataclasses.replace(options, least_weight=least)
     spared = fast(scene, all_rays(scene), spare)
-    assert scene.method.painted - before < 0.6 * spared.counts.survivors
+    assert scene.method.painted - before == spared.counts.painted
+    assert spared.counts.painted < 0.6 * spared.counts.survivors
+    assert exact.counts.painted > spared.counts.painted
     assert (exact.rgb - spared.rgb).min() >= -1e-6  # only light can be missing
     assert (exact.rgb - spared.rgb).max() <= 100 * least + 1e-6
     torch.testing.assert_close(spared.alpha, exact.alpha, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("least", [1e-4, 1e-3, 1e-2])
+def test_a_colour_is_asked_for_from_the_stated_share_on(scene: "ToyScene", least: float) -> None:
+    """With one sample a ray, its share of the pixel is the ray's opacity."""
+    options = dataclasses.replace(OPTIONS, samples=1, least_weight=least)
+    scene.method.density.data.mul_(1e-3)
+    seen = fast(scene, all_rays(scene), options)
+    assert 0 < seen.counts.painted == int((seen.alpha > least).sum()) < seen.counts.survivors
 
 
 def test_no_colour_is_asked_for_where_nothing_is(scene: "ToyScene") -> None:
