@@ -108,9 +108,9 @@ def test_nothing_behind_what_is_opaque_has_a_share() -> None:
     assert (shares[0::2] == 1).all() and (shares[1::2] == 0).all()
     alone = shares_so_far(thickness, torch.arange(40000))
     torch.testing.assert_close(alone[1::2], torch.full((20000,), 1e-4), rtol=1e-3, atol=0)
-    after = torch.cat([thickness, torch.full((2,), 0.5)])  # a ray behind many opaque ones
+    after = torch.cat([thickness, torch.full((2,), 0.3)])  # a ray behind many opaque ones
     ray = torch.cat([ray, torch.full((2,), 30000)])
-    expected = torch.tensor([1 - math.exp(-0.5), math.exp(-0.5) - math.exp(-1)])
+    expected = torch.tensor([1 - math.exp(-0.3), math.exp(-0.3) - math.exp(-0.6)])
     torch.testing.assert_close(shares_so_far(after, ray)[-2:], expected)
     assert shares_so_far(torch.zeros(0), torch.zeros(0, dtype=torch.long)).shape == (0,)
 
