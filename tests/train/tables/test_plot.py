@@ -21,6 +21,14 @@ def test_few_shot_rows_are_drawn(write: "WriteResult", tmp_path: Path) -> None:
     assert (picture < 128).any(), "nothing was drawn"
 
 
+def test_one_number_of_shots_is_no_line(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.9, 60.0))
+    write((25.0, 0.9, 60.0), seed=1)
+    path = tmp_path / "plot.png"
+    assert not write_plot(path, make_table(gather([tmp_path / "results"]), "box"))
+    assert not path.exists()
+
+
 def test_without_lpips_there_is_nothing_to_draw(write: "WriteResult", tmp_path: Path) -> None:
     write((25.0, 0.9, None))
     write((25.0, 0.9, 50.0), setting="short-video")

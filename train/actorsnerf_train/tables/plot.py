@@ -1,5 +1,6 @@
 """Perceptual error against the number of shots, one line a method."""
 
+import math
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -8,7 +9,7 @@ from actorsnerf_train.tables.table import MEAN, Row, Table
 
 
 def write_plot(path: Path, table: Table) -> bool:
-    """Whether there was anything to draw: few-shot rows with LPIPS.
+    """Whether there was anything to draw: rows with LPIPS of at least two numbers of shots.
 
     Args:
         path: of the PNG.
@@ -20,7 +21,8 @@ def write_plot(path: Path, table: Table) -> bool:
         point = _point(row, column)
         if point is not None:
             lines.setdefault(row.label, []).append(point)
-    if not lines:
+    ticks = sorted({shots for points in lines.values() for shots, _, _ in points})
+    if len(ticks) < 2:
         return False
     figure = Figure(figsize=(5.5, 3.6), dpi=120)
     axes = figure.subplots()
@@ -28,7 +30,6 @@ def write_plot(path: Path, table: Table) -> bool:
         shots, values, spreads = zip(*sorted(points), strict=True)
         axes.errorbar(shots, values, yerr=spreads, marker="o", ms=4, lw=1.2, capsize=3, label=label)
     axes.set_xscale("log")
-    ticks = sorted({shots for points in lines.values() for shots, _, _ in points})
     axes.set_xticks(ticks, [str(tick) for tick in ticks])
     axes.minorticks_off()
     axes.set_xlabel("shots M")
@@ -43,5 +44,6 @@ def _point(row: Row, column: str) -> tuple[int, float, float] | None:
     cell = row.cells.get(column)
     if cell is None or cell.lpips_x1000 is None or not row.setting.startswith("fewshot-"):
         return None
-    spread = cell.lpips_x1000.spread or 0.0
+    spread = cell.lpips_x1000.spread
+    spread = math.nan if spread is None else spread  # one seed: no bar
     return int(row.setting.removeprefix("fewshot-")), cell.lpips_x1000.value, spread
