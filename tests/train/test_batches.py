@@ -13,6 +13,7 @@ from actorsnerf_train.batches import (
     camera_of,
     jitter_generator,
     on_background,
+    random_background,
     sample_stream,
 )
 
@@ -97,3 +98,12 @@ def test_jitter_depends_on_seed_and_index_alone() -> None:
     assert torch.equal(draw(1, 5), draw(1, 5))
     assert not torch.equal(draw(1, 5), draw(1, 6))
     assert not torch.equal(draw(1, 5), draw(2, 5))
+
+
+def test_random_backgrounds_differ_by_sample_and_seed_and_fill_the_cube() -> None:
+    drawn = {random_background(seed, index) for seed in range(3) for index in range(100)}
+    assert len(drawn) == 300
+    channels = torch.tensor(sorted(drawn))
+    assert 0 <= channels.min() < 0.02
+    assert 0.98 < channels.max() <= 1
+    torch.testing.assert_close(channels.mean(0), torch.full((3,), 0.5), atol=0.06, rtol=0)

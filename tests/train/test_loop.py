@@ -95,6 +95,21 @@ def test_training_lowers_the_loss(
     assert (tmp_path / "pictures" / "step_000016.png").is_file()
 
 
+def test_random_backgrounds_are_learned_from_and_come_again(
+    make_training: MakeTraining, config: TrainConfig, tmp_path: Path
+) -> None:
+    random = replace(config, background="random", schedule=replace(config.schedule, steps=2))
+    digests = [
+        load_checkpoint(train(make_training(tmp_path / name, one))).info.tensors_sha256
+        for name, one in (
+            ("one", random),
+            ("two", random),
+            ("fixed", replace(random, background="fixed")),
+        )
+    ]
+    assert digests[0] == digests[1] != digests[2]
+
+
 def test_a_spoiled_picture_stops_and_the_last_good_checkpoint_stays(
     make_training: MakeTraining, config: TrainConfig, tmp_path: Path
 ) -> None:

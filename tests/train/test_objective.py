@@ -95,6 +95,24 @@ def test_an_actor_of_no_density_costs_the_pictures_square(
     assert outcome.inside.item() == 0
 
 
+def test_a_background_lies_behind_the_person_in_both_pictures(
+    training: Training, sample: Sample, known: KnownActor
+) -> None:
+    """An actor of no density is right beside the person, whatever the colour, and wrong on it."""
+    method = actorsnerf(training.method)
+    with torch.no_grad():
+        method.radiance.density_out.weight.zero_()
+        method.radiance.density_out.bias.fill_(-1e4)
+    config = training.folder.config
+    objective = Objective(method, training.perceptual, LossWeights(0.0, 1.0, 0.0), config.render)
+    red = (0.9, 0.1, 0.2)
+    outcome: Outcome = objective(sample, known, 0.0, jitter_generator(0, 0, CPU), red)
+    alpha = at_pixels(sample.target.alpha, sample.patches)[..., None]
+    person = alpha * (at_pixels(sample.target.image, sample.patches) - torch.tensor(red))
+    assert person.square().mean() > 1e-3
+    assert outcome.losses.total.item() == pytest.approx(person.square().mean().item(), rel=1e-5)
+
+
 def test_patches_that_show_nothing_still_have_a_gradient(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:

@@ -6,6 +6,7 @@ together exactly what one process with twice the accumulation sees.
 """
 
 import dataclasses
+import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -17,6 +18,9 @@ from torch.utils.data import DataLoader, Dataset
 
 from actorsnerf_datasets.torch_dataset import Sample, View
 from actorsnerf_model.states import Camera
+
+Colour = tuple[float, float, float]
+"""Red, green, blue in [0, 1]."""
 
 GENERATOR_STRIDE = 1_000_003
 """Prime; keeps the jitter seeds of neighbouring runs apart."""
@@ -111,7 +115,7 @@ def camera_of(view: View) -> Camera:
     return Camera(view.K, view.camera_from_body, (width, height))
 
 
-def on_background(view: View, background: tuple[float, float, float]) -> Float[Tensor, "h w 3"]:
+def on_background(view: View, background: Colour) -> Float[Tensor, "h w 3"]:
     """The view's picture in front of a colour, as the renderer composes it."""
     alpha = view.alpha[..., None]
     return view.image * alpha + view.image.new_tensor(background) * (1 - alpha)
@@ -127,5 +131,19 @@ def at_pixels(
 def jitter_generator(seed: int, index: int, device: torch.device) -> torch.Generator:
     """The generator of a sample's jitter along its rays: a function of (seed, index) alone."""
     generator = torch.Generator(device)
-    generator.manual_seed((seed * GENERATOR_STRIDE + index) % 2**63)
+    generator.manual_seed(_own_seed(seed, index))
     return generator
+
+
+def random_background(seed: int, index: int) -> Colour:
+    """The colour behind a sample's person: a function of (seed, index) alone, drawn on the host.
+
+    >>> random_background(0, 1) == random_background(0, 1) != random_background(0, 2)
+    True
+    """
+    draw = random.Random(_own_seed(seed, index)).random
+    return draw(), draw(), draw()
+
+
+def _own_seed(seed: int, index: int) -> int:
+    return (seed * GENERATOR_STRIDE + index) % 2**63

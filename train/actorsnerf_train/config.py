@@ -29,6 +29,7 @@ from actorsnerf_train.schedule import Schedule
 
 PresetName = Literal["official", "official-short", "small", "small-vgg", "tiny"]
 Precision = Literal["float32", "bfloat16", "float16"]
+Background = Literal["fixed", "random"]
 MethodName = Literal["actorsnerf", "humannerf", "neuralbody"]
 MethodConfig = ActorsNeRFConfig | HumanNeRFConfig | NeuralBodyConfig
 FEWSHOT_FIRST_COUNT = 100_000
@@ -114,6 +115,10 @@ class TrainConfig:
     processes: int = 1
     precision: Precision = "float32"
     """Of products inside networks; geometry and LPIPS are always float32."""
+    background: Background = "fixed"
+    """Behind what is learned from: the data set's colour, or a random one for each sample, so that
+    a person must be opaque to be right (HumanNeRF's released code). Supports and evaluation stay
+    on the data set's."""
     seed: int = 0
     every: Every = field(default_factory=Every)
     health: HealthLimits = field(default_factory=HealthLimits)

@@ -11,7 +11,14 @@ import torch
 from tqdm import tqdm
 
 from actorsnerf_datasets.torch_dataset import Sample, View
-from actorsnerf_train.batches import SampleSource, Share, jitter_generator, sample_stream, sample_to
+from actorsnerf_train.batches import (
+    SampleSource,
+    Share,
+    jitter_generator,
+    random_background,
+    sample_stream,
+    sample_to,
+)
 from actorsnerf_train.checkpoint import checkpoint_path
 from actorsnerf_train.curve import Gauge, curve_steps
 from actorsnerf_train.curve_file import add_point, begin_curve
@@ -130,8 +137,10 @@ class _Stride:
             sample = self.training.with_supports(drawn)
             known = known_actor(self.actors, self.training.method, sample)
             jitter = jitter_generator(config.seed, index, self.training.device)
+            random = config.background == "random"
+            background = random_background(config.seed, index) if random else None
             with gathering(self.objective, last=turn == config.accumulation - 1):
-                outcome: Outcome = self.objective(sample, known, window, jitter)
+                outcome: Outcome = self.objective(sample, known, window, jitter, background)
                 self.learner.backward(outcome.losses.total / config.accumulation)
             self.health.check(self.means.add(outcome), step, sample.target.actor)
         self.learner.step()

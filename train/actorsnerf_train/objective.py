@@ -10,7 +10,7 @@ from actorsnerf_datasets.torch_dataset import Sample
 from actorsnerf_model.rays import rays_through
 from actorsnerf_model.render import render_pixels
 from actorsnerf_model.states import Counts, RenderOptions
-from actorsnerf_train.batches import at_pixels, camera_of, on_background
+from actorsnerf_train.batches import Colour, at_pixels, camera_of, on_background
 from actorsnerf_train.losses import Losses, LossWeights, Perceptual, training_losses
 from actorsnerf_train.methods import AnyMethod, KnownActor, step_state
 
@@ -44,7 +44,12 @@ class Objective(nn.Module):
         self.options = options
 
     def forward(
-        self, sample: Sample, known: KnownActor, window: float, generator: torch.Generator
+        self,
+        sample: Sample,
+        known: KnownActor,
+        window: float,
+        generator: torch.Generator,
+        background: Colour | None = None,
     ) -> Outcome:
         """The losses of a sample.
 
@@ -53,13 +58,17 @@ class Objective(nn.Module):
             known: what is kept of its actor.
             window: open bands of the deformation's encoding.
             generator: jitters the samples along the rays.
+            background: behind the person in both pictures; the options' if left out.
         """
         target = sample.target
+        options = self.options
+        if background is not None:
+            options = replace(options, background=background)
         actor, residual = step_state(self.method, sample.supports, known, window)
         pose = self.method.pose_state(actor, target.pose, target.rest_joints, target.frame)
         rays = rays_through(sample.patches.reshape(-1, 2).to(target.K.dtype), camera_of(target))
-        rendering = render_pixels(self.method, actor, pose, rays, self.options, generator)
-        truth = at_pixels(on_background(target, self.options.background), sample.patches)
+        rendering = render_pixels(self.method, actor, pose, rays, options, generator)
+        truth = at_pixels(on_background(target, options.background), sample.patches)
         losses = training_losses(
             rendering.rgb.reshape(truth.shape), truth, residual, self.perceptual, self.weights
         )

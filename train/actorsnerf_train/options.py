@@ -1,11 +1,14 @@
 """What both trainings' command lines share: changes to a preset, and how to compute."""
 
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
-from actorsnerf_train.config import Precision, TrainConfig
+from actorsnerf_train.config import Background, Precision, TrainConfig
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,9 @@ class Changes:
     """Per picture."""
     accumulation: int = 1
     """Pictures per step and process."""
+    background: Background | None = None
+    """Behind what is learned from: the data set's, or a random one for every picture (fills the
+    person sooner)."""
     precision: Precision = "float32"
     """Of products inside networks; bfloat16 is faster on recent processors."""
     checkpoint_every: int | None = None
@@ -61,6 +67,7 @@ def changed(config: TrainConfig, changes: Changes) -> TrainConfig:
         render=replace(config.render, samples=_or(changes.samples, config.render.samples)),
         patches=replace(config.patches, count=_or(changes.patches, config.patches.count)),
         accumulation=changes.accumulation,
+        background=_or(changes.background, config.background),
         precision=changes.precision,
         every=every,
     )
@@ -89,5 +96,5 @@ def perceptual_note(perceptual: Perceptual) -> str:
     )
 
 
-def _or(changed: int | None, preset: int) -> int:
+def _or(changed: Value | None, preset: Value) -> Value:
     return preset if changed is None else changed
