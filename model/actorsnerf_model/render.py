@@ -176,18 +176,41 @@ def _honest(options: RenderOptions, pose: PoseState) -> RenderOptions:
 
 def _survivors(scene: _Scene[ActorState], samples: _Samples) -> _Survivors:
     """The samples that can be seen, through the field."""
-    located = _located(scene, samples)
+    occupancy = scene.pose.occupancy if scene.options.occupancy else None
+    candidates = _candidates(samples, occupancy)
+    if scene.options.least_learned > 0 and torch.is_grad_enabled():
+        return _learned(scene, samples, candidates)
+    located = _located(scene, samples, candidates)
     if scene.options.stop_transmittance > 0:
         return _until_opaque(scene, samples, located)
     return _through_field(scene, samples, located)
 
 
-def _located(scene: _Scene[ActorState], samples: _Samples) -> Located:
-    """The samples that pass the foreground test; their index counts through rays, then samples."""
+def _learned(
+    scene: _Scene[ActorState], samples: _Samples, candidates: Int[Tensor, "candidates"]
+) -> _Survivors:
+    """The samples that add enough to their pixels to learn from, with what gradients need.
+
+    A first look without gradients, front to back and without colours, tells which those are.
+    """
+    least = scene.options.least_learned
+    look = replace(scene.options, least_weight=1.0, stop_transmittance=least)
+    with torch.no_grad():
+        found = _until_opaque(
+            replace(scene, options=look), samples, _located(scene, samples, candidates)
+        )
+        place, order = found.place.sort()
+        share = shares_so_far(found.thickness[order], place // samples.depths.shape[1])
+    return _through_field(scene, samples, _located(scene, samples, place[share > least]))
+
+
+def _located(
+    scene: _Scene[ActorState], samples: _Samples, candidates: Int[Tensor, "candidates"]
+) -> Located:
+    """The candidates that pass the foreground test; their index counts as `_candidates`' does."""
     count = samples.depths.shape[1]
-    occupancy = scene.pose.occupancy if scene.options.occupancy else None
     pieces = []
-    for part in torch.split(_candidates(samples, occupancy), POINTS_AT_ONCE):
+    for part in torch.split(candidates, POINTS_AT_ONCE):
         depth = samples.depths.reshape(-1)[part]
         points = samples.rays.origin + depth[:, None] * samples.rays.directions[part // count]
         located = scene.method.locate(scene.actor, scene.pose, points, scene.options.threshold)
@@ -203,7 +226,7 @@ def _located(scene: _Scene[ActorState], samples: _Samples) -> Located:
 
 @torch.no_grad()
 def _candidates(samples: _Samples, occupancy: Occupancy | None) -> Int[Tensor, "candidates"]:
-    """Ascending numbers of the samples in occupied cells, or of all."""
+    """Ascending numbers, through rays, then samples, of those in occupied cells, or of all."""
     depths = samples.depths
     if occupancy is None:
         return torch.arange(depths.numel(), device=depths.device)

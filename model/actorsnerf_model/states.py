@@ -163,6 +163,9 @@ class RenderOptions:
     least_weight: float = 0.0
     """Share of a pixel below which a sample's colour is taken as black instead of computed; 0 = ask
     for all that have any. A pixel misses at most this times the samples on its ray."""
+    least_learned: float = 0.0
+    """Share of a pixel below which a sample is left out where gradients are wanted, found by a look
+    at densities alone; 0 = learn from all."""
     pixel_tolerance: float = 0.0
     """Interpolate a pixel inside the person whose drawn neighbours differ by at most this in colour
     and opacity, both in [0, 1]; 0 = draw every pixel (exact). Whole pictures only."""

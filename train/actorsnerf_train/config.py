@@ -41,6 +41,11 @@ SHORT_RUN_SQUARED_ERROR = 3.0
 of no actor after 1,250 steps (measured on synthetic actors)."""
 
 
+LEAST_LEARNED = 1e-7
+"""Share of a pixel below which a training leaves a sample out: about half the time of a step, and
+every gradient within 2e-5 of the whole one (relative L2; 1e-6 gives 1e-4 and is no faster)."""
+
+
 BASELINE_RATE_SCALE = 2.0
 """Of `small`, times ActorsNeRF's rates: the best for both baselines of those at which they do not
 collapse, by LPIPS after 250 steps on an actor of no other run (benchmarks/results/tuning.md)."""
@@ -134,10 +139,20 @@ def pretraining(preset: PresetName) -> TrainConfig:
     """The category-level training of a preset."""
     match preset:
         case "official":
-            return TrainConfig("pretrain", preset, Schedule(200_000), model=OFFICIAL)
+            return TrainConfig(
+                "pretrain",
+                preset,
+                Schedule(200_000),
+                model=OFFICIAL,
+                render=RenderOptions(least_learned=LEAST_LEARNED),
+            )
         case "official-short":
             return replace(
-                pretraining("small"), preset=preset, model=OFFICIAL_SHORT, render=RenderOptions()
+                pretraining("small"),
+                preset=preset,
+                model=OFFICIAL_SHORT,
+                render=RenderOptions(least_learned=LEAST_LEARNED),
+                rates=Rates(deformation=2e-4, scale=2.0),  # `small`'s volume takes ten times more
             )
         case "small" | "small-vgg":
             return TrainConfig(
@@ -145,7 +160,7 @@ def pretraining(preset: PresetName) -> TrainConfig:
                 preset,
                 Schedule(2000, last_count=400_000),
                 model=SMALL if preset == "small" else SMALL_VGG,
-                render=RenderOptions(samples=64),
+                render=RenderOptions(samples=64, least_learned=LEAST_LEARNED),
                 rates=Rates(deformation=2e-4, skinning=5e-4, scale=2.0),
                 losses=LossWeights(squared_error=SHORT_RUN_SQUARED_ERROR),
                 patches=Patches(count=2),
@@ -157,7 +172,7 @@ def pretraining(preset: PresetName) -> TrainConfig:
                 preset,
                 Schedule(300, last_count=400_000),
                 model=TINY,
-                render=RenderOptions(samples=32),
+                render=RenderOptions(samples=32, least_learned=LEAST_LEARNED),
                 rates=Rates(deformation=1e-3, skinning=2e-3, scale=4.0),
                 patches=Patches(count=2),
                 every=Every(log=10, checkpoint=100, picture=150, milestone=0),
