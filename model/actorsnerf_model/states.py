@@ -114,7 +114,8 @@ class Counts:
     samples: int
     """Samples on those rays."""
     survivors: int
-    """Samples that went through the networks, at least for their density."""
+    """Samples that went through the networks, at least for their density; of a training, those that
+    it learns from."""
     painted: int
     """Those whose colour was computed."""
 

@@ -227,15 +227,16 @@ def test_no_density_and_far_too_much(scene: "ToyScene", density: float) -> None:
 
 
 @pytest.mark.parametrize("soft_mask", [True, False])
-@pytest.mark.parametrize("stop", [0.0, 1e-9])
+@pytest.mark.parametrize(("stop", "least"), [(0.0, 0.0), (1e-9, 0.0), (0.0, 1e-10)])
 def test_training_gradients_are_the_references(
-    scene64: "ToyScene", soft_mask: bool, stop: float
+    scene64: "ToyScene", soft_mask: bool, stop: float, least: float
 ) -> None:
     """Culling is hidden from the gradient: same numbers for every parameter, float64."""
     width, height = scene64.camera.size
     x, y = torch.meshgrid(torch.arange(4, width, 5), torch.arange(2, height, 5), indexing="xy")
     pixels = torch.stack([x, y], -1).reshape(-1, 2).double()
-    options = dataclasses.replace(OPTIONS, samples=24, soft_mask=soft_mask, stop_transmittance=stop)
+    options = dataclasses.replace(OPTIONS, samples=24, soft_mask=soft_mask)
+    options = dataclasses.replace(options, stop_transmittance=stop, least_learned=least)
     gradients = []
     for renderer in (render_pixels, reference_render_pixels):
         actor = scene64.method.actor_state((), 0.0)
@@ -247,6 +248,31 @@ def test_training_gradients_are_the_references(
     for found, expected in zip(*gradients, strict=True):
         assert expected.norm() > 0
         assert (found - expected).norm() <= 1e-5 * expected.norm()
+
+
+@pytest.mark.parametrize("soft_mask", [True, False])
+def test_what_hardly_shows_is_not_learned_from(scene: "ToyScene", soft_mask: bool) -> None:
+    least = 1e-3
+    options = dataclasses.replace(OPTIONS, soft_mask=soft_mask)
+    some = dataclasses.replace(options, least_learned=least)
+    arguments = (scene.method, scene.method.actor_state((), 0.0), scene.pose, all_rays(scene))
+    whole, part = render_pixels(*arguments, options), render_pixels(*arguments, some)
+    assert 0 < part.counts.survivors < 0.7 * whole.counts.survivors
+    for found, expected in ((part.rgb, whole.rgb), (part.alpha, whole.alpha)):
+        away = (found - expected).abs().max()
+        assert 1e-6 < away <= options.samples * least
+    assert part.rgb.requires_grad
+    # without gradients there is nothing to learn, and the picture is whole
+    with torch.no_grad():
+        assert_same(render_pixels(*arguments, some), whole)
+
+
+def test_nothing_to_learn_from_has_a_gradient_of_nothing(scene: "ToyScene") -> None:
+    options = dataclasses.replace(OPTIONS, least_learned=1.1)
+    actor = scene.method.actor_state((), 0.0)
+    seen = render_pixels(scene.method, actor, scene.pose, all_rays(scene), options)
+    assert seen.counts.survivors == 0
+    assert not seen.alpha.any()
 
 
 def test_what_is_not_kept_for_the_gradient_is_computed_twice(scene64: "ToyScene") -> None:
