@@ -204,7 +204,8 @@ def humannerf(preset: PresetName) -> TrainConfig:
 
     As ActorsNeRF from scratch with the same preset, but for the networks, the soft mask and the
     regulariser, which HumanNeRF lacks. Its released code also draws a random background for every
-    picture; here all methods learn on the same one.
+    picture; in short runs that costs it quality (benchmarks/results/tuning.md), so here all methods
+    learn on the data set's.
     """
     base = from_scratch(fewshot(preset))
     match preset:
