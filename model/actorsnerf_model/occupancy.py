@@ -165,11 +165,11 @@ def _peaks(
     fine = F.pad(fine, [pad for pad in pads for _ in range(2)])
     peaks = fine[0, 0]
     for axis in range(3):
-        peaks = _window_max(peaks, axis, 2 * reach[axis] + 2)
+        peaks = window_max(peaks, axis, 2 * reach[axis] + 2)
     return peaks
 
 
-def _window_max(values: Float[Tensor, "z y x"], axis: int, width: int) -> Float[Tensor, "wz wy wx"]:
+def window_max(values: Float[Tensor, "*grid"], axis: int, width: int) -> Float[Tensor, "*windows"]:
     """Maxima over each `width` neighbours of an axis, by doubling: far cheaper than pooling."""
     done = 1
     while done < width:
@@ -180,4 +180,4 @@ def _window_max(values: Float[Tensor, "z y x"], axis: int, width: int) -> Float[
     return values
 
 
-__all__ = ["CELL", "OccupancyTables", "occupancy_tables", "pose_occupancy"]
+__all__ = ["CELL", "OccupancyTables", "occupancy_tables", "pose_occupancy", "window_max"]

@@ -28,8 +28,9 @@ def read_features(
 ) -> Float[Tensor, "points views channels"]:
     """Each view's features where its copy of the points projects, bilinear.
 
-    Zero outside the picture, as in the released code; zero behind the camera too, where the
-    released code reads a mirrored place or infinity. Nothing tests whether a point is hidden.
+    Zero outside the picture, as in the released code (a view that is smaller than the largest goes
+    on as plain background to the right and below); zero behind the camera too, where the released
+    code reads a mirrored place or infinity. Nothing tests whether a point is hidden.
 
     Args:
         features: of K views.

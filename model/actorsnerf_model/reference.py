@@ -33,8 +33,8 @@ def reference_render_pixels(
 ) -> Rendering:
     """The colours of rays, (rays,), without any saving; in float64 if the states are.
 
-    A threshold of 0 makes `locate` return every point; the test follows here. The options
-    `occupancy` and `stop_transmittance` are ignored.
+    A threshold of 0 makes `locate` return every point; the test follows here. All options that
+    save work are ignored.
 
     Args:
         method: the model.

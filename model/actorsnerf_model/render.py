@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from actorsnerf_model.footprint import footprint
+from actorsnerf_model.pieces import at_once
 from actorsnerf_model.pixels_by_need import Agreement, by_need
 from actorsnerf_model.rays import (
     Rays,
@@ -47,7 +48,7 @@ from actorsnerf_model.volume_rendering import (
 RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
 POINTS_AT_ONCE = 65536
-"""Points that are located together."""
+"""Points that are located together, on a CPU."""
 STRIDE = 8
 """Survivors of a ray that go through the networks before its light is measured again."""
 
@@ -191,7 +192,8 @@ def _learned(
 ) -> _Survivors:
     """The samples that add enough to their pixels to learn from, with what gradients need.
 
-    A first look without gradients, front to back and without colours, tells which those are.
+    A first look at densities, front to back and without gradients, tells which those are. What is
+    no number counts as seen, so that it reaches the loss, where it is noticed.
     """
     least = scene.options.least_learned
     look = replace(scene.options, least_weight=1.0, stop_transmittance=least)
@@ -201,7 +203,7 @@ def _learned(
         )
         place, order = found.place.sort()
         share = shares_so_far(found.thickness[order], place // samples.depths.shape[1])
-    return _through_field(scene, samples, _located(scene, samples, place[share > least]))
+    return _through_field(scene, samples, _located(scene, samples, place[~(share <= least)]))
 
 
 def _located(
@@ -210,7 +212,7 @@ def _located(
     """The candidates that pass the foreground test; their index counts as `_candidates`' does."""
     count = samples.depths.shape[1]
     pieces = []
-    for part in torch.split(candidates, POINTS_AT_ONCE):
+    for part in torch.split(candidates, at_once(POINTS_AT_ONCE, candidates.device)):
         depth = samples.depths.reshape(-1)[part]
         points = samples.rays.origin + depth[:, None] * samples.rays.directions[part // count]
         located = scene.method.locate(scene.actor, scene.pose, points, scene.options.threshold)
@@ -282,6 +284,8 @@ def _painted(
         field = scene.method.field(scene.actor, scene.pose, moved)
         thickness = optical_depth(field.density.to(spacing.dtype), spacing, masked)
         share = shares_so_far(thickness.detach(), ray)
+        if scene.options.least_weight >= 1:  # no share is greater
+            return thickness.new_zeros(ray.shape[0], 3), thickness, 0
         seen = (share > scene.options.least_weight).nonzero()[:, 0]
         if seen.shape[0] == ray.shape[0]:
             return field.rgb.to(spacing.dtype), thickness, seen.shape[0]
@@ -314,7 +318,7 @@ def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located
     absorbed = samples.depths.new_zeros(rays)
     seen = []
     for first in range(0, count, STRIDE):
-        due = (rank >= first) & (rank < first + STRIDE) & (absorbed[ray] < enough)
+        due = (rank >= first) & (rank < first + STRIDE) & ~(absorbed[ray] >= enough)
         now = due.nonzero()[:, 0]
         if now.shape[0] == 0 and first > 0:
             break

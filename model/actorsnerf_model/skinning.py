@@ -126,7 +126,7 @@ def weights_at(
         low = place.detach().floor().clamp(-1, size - 3)
         share.append(place - low)
         cell = cell * size + (low.long() + 1)
-    step = torch.tensor([0, 1], device=cell.device)
+    step = torch.arange(2, device=cell.device)
     height, width = table.shape[2:]
     corner = (step[:, None, None] * height + step[:, None]) * width + step
     # One-dimensional index_select is several times faster than indexing.

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from actorsnerf_model.pieces import at_once
 from actorsnerf_model.skinning import (
     SkinningVolume,
     backward_warp,
@@ -31,7 +32,7 @@ SUPPORT_LEVEL = 1e-10
 """Weight below which a bone is left out of the warp itself. 23 such weights move the likelihood by
 less than 3e-9 and a point at the threshold by less than a micrometre: float32 rounding."""
 POINTS_AT_ONCE = 8192
-"""Points that are culled or warped together; their 24 places each stay in the cache."""
+"""Points that are culled or warped together; on a CPU their 24 places each stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,9 @@ def possible(
     table = lookup_table(volume)
     low, high = nodes_from_canonical(bounds.boxes, volume).unbind(1)
     kept = []
-    for first in range(0, points.shape[0], POINTS_AT_ONCE):
-        piece = points[first : first + POINTS_AT_ONCE]
+    many = at_once(POINTS_AT_ONCE, points.device)
+    for first in range(0, points.shape[0], many):
+        piece = points[first : first + many]
         with torch.autocast(points.device.type, enabled=False):
             places = torch.addmm(motions[:, 3:], motions[:, :3], piece.T).reshape(3, 24, -1)
         weight = weights_at(places, inside_boxes(places, low, high), table).sum(0)
@@ -124,7 +126,11 @@ def locate(
         tensor.requires_grad for tensor in (points, volume.weights, canonical_from_body)
     )
     # A gradient is as large as the volume, so there are no pieces where one is wanted.
-    pieces = (index,) if wants_gradient else torch.split(index, 4 * POINTS_AT_ONCE)
+    pieces = (
+        (index,)
+        if wants_gradient
+        else torch.split(index, 4 * at_once(POINTS_AT_ONCE, index.device))
+    )
     kept, canonical, likelihood = [], [], []
     for piece in pieces:
         place, likely = backward_warp(points[piece], volume, canonical_from_body, support)

@@ -163,10 +163,13 @@ class RenderOptions:
     """Stop a ray once less light than this passes; 0 = never (exact)."""
     least_weight: float = 0.0
     """Share of a pixel below which a sample's colour is taken as black instead of computed; 0 = ask
-    for all that have any. A pixel misses at most this times the samples on its ray."""
+    for all that have any. A pixel misses at most this times the samples on its ray; gradients of
+    densities then take such a colour for black, so trainings leave this at 0."""
     least_learned: float = 0.0
     """Share of a pixel below which a sample is left out where gradients are wanted, found by a look
-    at densities alone; 0 = learn from all."""
+    at densities (`stop_transmittance` does not count then); 0 = learn from all. It bounds what a
+    sample adds to a gradient where density is a softplus; a ReLU's slope is 1 at any density above
+    0, so densities under the share over their spacing stop learning, like those at 0."""
     pixel_tolerance: float = 0.0
     """Interpolate a pixel inside the person whose drawn neighbours differ by at most this in colour
     and opacity, both in [0, 1]; 0 = draw every pixel (exact). Whole pictures only."""

@@ -97,4 +97,4 @@ def composite(
     return Composited(colour, weights.sum(-1), (weights * depths).sum(-1), weights)
 
 
-__all__ = ["Composited", "composite", "optical_depth"]
+__all__ = ["Composited", "composite", "optical_depth", "shares_so_far"]

@@ -7,10 +7,10 @@ import torch
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.render import render, render_pixels
-from actorsnerf_model.states import Rendering, RenderOptions
+from actorsnerf_model.states import DensityFirst, Located, PoseState, Rendering, RenderOptions
 
 if TYPE_CHECKING:
-    from tests.model.conftest import ToyScene
+    from tests.model.conftest import ToyActor, ToyScene
 
 OPTIONS = RenderOptions(samples=48, background=(0.2, 0.5, 0.9))
 
@@ -265,6 +265,26 @@ def test_what_hardly_shows_is_not_learned_from(scene: "ToyScene", soft_mask: boo
     # without gradients there is nothing to learn, and the picture is whole
     with torch.no_grad():
         assert_same(render_pixels(*arguments, some), whole)
+
+
+@pytest.mark.parametrize("least", [0.0, 1e-7])
+def test_what_is_no_number_reaches_the_loss(
+    scene: "ToyScene", least: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field = scene.method.field
+
+    def spoiled(actor: "ToyActor", pose: PoseState, located: Located) -> DensityFirst:
+        found = field(actor, pose, located)
+        near = (located.canonical - place).norm(dim=-1) < 0.04
+        return dataclasses.replace(found, density=found.density.masked_fill(near, torch.nan))
+
+    options = dataclasses.replace(OPTIONS, least_learned=least)
+    actor = scene.method.actor_state((), 0.0)
+    place = scene.method.canonical_joints[20]  # a wrist: nothing opaque before it
+    monkeypatch.setattr(scene.method, "field", spoiled)
+    seen = render_pixels(scene.method, actor, scene.pose, all_rays(scene), options)
+    assert seen.rgb.isnan().any()
+    assert seen.rgb.isfinite().any()
 
 
 def test_nothing_to_learn_from_has_a_gradient_of_nothing(scene: "ToyScene") -> None:

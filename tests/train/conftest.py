@@ -24,13 +24,14 @@ from actorsnerf_datasets.types import (
 )
 from actorsnerf_datasets.writer import StoredPicture, encode_picture, write_sequence
 from actorsnerf_train.checkpoint import DataFile, Origin
-from actorsnerf_train.config import Every, Patches, TrainConfig, pretraining
+from actorsnerf_train.config import Every, Patches, TrainConfig, fewshot, pretraining
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.loop import Training
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.methods import build_method
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
+from actorsnerf_train.records import to_json_object
 from actorsnerf_train.result import Evaluation
 from actorsnerf_train.run_folder import RunFolder
 from actorsnerf_train.stability.bench import Bench, make_bench
@@ -310,7 +311,7 @@ def evaluation() -> Evaluation:
         seed=0,
         step=500,
         training_seconds=100.0,
-        configuration={"model": {"deformation": True}},
+        configuration=to_json_object(fewshot("small")),
         checkpoint="runs/eve",
         render_options={"samples": 8},
         lpips_note=None,

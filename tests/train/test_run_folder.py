@@ -59,7 +59,7 @@ def test_moved_data_is_the_same_data(folder: RunFolder) -> None:
 
 def test_differences_are_found_inside() -> None:
     assert first_difference({"a": {"b": 1}}, {"a": {"b": 1}}, "") is None
-    assert first_difference({}, {"a": {"b": 1}}, "") == "a is None there, {'b': 1} asked"
+    assert first_difference({}, {"a": {"b": 1}}, "") == "a is None there, {'b': 1} here"
 
 
 def test_packages_that_are_not_installed_have_no_version(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.types import ListName
 from actorsnerf_train.records import RecordError, from_json, to_json_object
 from actorsnerf_train.result import Json
 
@@ -50,7 +51,7 @@ class FewshotSetting:
 
     protocol: str
     name: str
-    list_name: str
+    list_name: ListName
     camera: str
     frames: tuple[int, ...]
     supports: tuple[int, ...]
@@ -153,15 +154,7 @@ def load_checkpoint(source: Path) -> Checkpoint:
         CheckpointError: there is none, or it is damaged.
     """
     path = checkpoint_path(source)
-    try:
-        record: Json = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise CheckpointError(f"{path}: is not readable as JSON ({error}): damaged file?") from None
-    _check_format(path, record)
-    try:
-        info = from_json(CheckpointInfo, record, str(path))
-    except RecordError as error:
-        raise CheckpointError(str(error)) from None
+    info = load_info(path)
     numbers = path.with_suffix(".safetensors")
     if not numbers.is_file():
         raise CheckpointError(f"{numbers}: no such file, but {path.name} is there: copy both.")
@@ -172,6 +165,24 @@ def load_checkpoint(source: Path) -> Checkpoint:
             "copy; take an earlier checkpoint of the run, or copy it again."
         )
     return Checkpoint(path, info, safetensors.torch.load(content))
+
+
+def load_info(source: Path) -> CheckpointInfo:
+    """What a checkpoint is, without its numbers.
+
+    Raises:
+        CheckpointError: there is none, or it is damaged.
+    """
+    path = checkpoint_path(source)
+    try:
+        record: Json = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise CheckpointError(f"{path}: is not readable as JSON ({error}): damaged file?") from None
+    _check_format(path, record)
+    try:
+        return from_json(CheckpointInfo, record, str(path))
+    except RecordError as error:
+        raise CheckpointError(str(error)) from None
 
 
 def checkpoint_path(source: Path) -> Path:

@@ -287,6 +287,9 @@ def from_scratch(config: TrainConfig) -> TrainConfig:
 
     What category training is compared with, at equal steps.
     """
-    schedule = Schedule(config.schedule.steps, 0, config.schedule.last_count)
+    steps, last = config.schedule.steps, config.schedule.last_count
+    if config.preset == "official":  # counts are steps
+        last = steps
+    schedule = Schedule(steps, 0, last)
     losses = pretraining(config.preset).losses
     return replace(config, freeze_category=False, losses=losses, schedule=schedule)

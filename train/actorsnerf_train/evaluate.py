@@ -23,7 +23,7 @@ from actorsnerf_train.checkpoint import FOLDER, write_whole
 from actorsnerf_train.curve_file import read_curve
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.judge import Judged, Judgement, judge, strip_row
-from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
+from actorsnerf_train.lpips import INSTALL, LpipsFiles, between, load_lpips
 from actorsnerf_train.machine import program_commit, this_machine
 from actorsnerf_train.methods import trunk_of
 from actorsnerf_train.metrics import ConventionName, Lpips, Scores, mean_scores
@@ -289,10 +289,8 @@ def published_lpips(files: LpipsFiles, device: torch.device) -> Lpips | None:
     network.to(device)
 
     def distance(truth: Tensor, prediction: Tensor) -> Tensor:
-        pair = torch.stack([prediction, truth]).float().movedim(3, 1) * 2 - 1
         with torch.no_grad():
-            found: Tensor = network(pair[:1], pair[1:])
-        return found[0]
+            return between(network, prediction.to(device), truth.to(device))
 
     return distance
 

@@ -9,6 +9,7 @@ import torch
 from actorsnerf_datasets.selection import FewshotChoice
 from actorsnerf_datasets.torch_dataset import FewshotDataset
 from actorsnerf_datasets.types import ListName
+from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_train.batches import view_to
 from actorsnerf_train.checkpoint import (
     Checkpoint,
@@ -38,9 +39,13 @@ from actorsnerf_train.options import (
     perceptual_note,
     ready_perceptual,
 )
+from actorsnerf_train.pretrain import begin_trunk
 from actorsnerf_train.records import from_json
 from actorsnerf_train.run_folder import RunFolder
 from actorsnerf_train.saving import load_model
+
+SCRATCH = Origin(None, False, None, None, ())
+"""Of a method without an encoder that begins from random weights."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,9 @@ class FewshotOptions:
     list: ListName | None = None
     """official: the published frames; auto: chosen by view coverage. Left out: official where the
     file has it."""
+    trunk_file: Path | None = None
+    """With --from scratch, where the preset's encoder begins from ImageNet weights: torchvision's
+    resnet18-f37072fd.pth or vgg16-397923af.pth; vgg16 also comes with LPIPS."""
     study: str | None = None
     """Named protocol of the file, where it has several."""
     method: MethodName = "actorsnerf"
@@ -84,7 +92,7 @@ def run_fewshot(options: FewshotOptions) -> Path:
         UserError: category checkpoint, data, device or run folder are not as needed.
     """
     category = load_category(options.category) if isinstance(options.category, Path) else None
-    origin = _scratch_origin() if category is None else _origin(category)
+    origin = SCRATCH if category is None else _origin(category)
     if options.use.check:
         check_files((options.data,))
     file = describe_file(options.data)
@@ -101,6 +109,8 @@ def run_fewshot(options: FewshotOptions) -> Path:
         method = build_method(config, device)
         if category is not None:
             load_model(method, category)
+        elif isinstance(method, ActorsNeRF):
+            origin = begin_trunk(method, options.trunk_file)
         training = Training(
             folder=RunFolder(options.run, config, (file,), setting_of(source), origin),
             method=method,
@@ -196,14 +206,11 @@ def _origin(category: Checkpoint) -> Origin:
     )
 
 
-def _scratch_origin() -> Origin:
-    return Origin(None, False, None, None, ())
-
-
 def _announcement(folder: RunFolder) -> tuple[str, ...]:
     setting, origin = folder.setting, folder.origin
     assert setting is not None
-    began = "random weights" if origin.category_digest is None else "the category checkpoint"
+    own = f"ImageNet weights of {origin.trunk}" if origin.trunk_pretrained else "random weights"
+    began = own if origin.category_digest is None else "the category checkpoint"
     frozen = "encoder and skinning frozen" if folder.config.freeze_category else "every part trains"
     return (
         f"few-shot fitting of actor {folder.data[0].actor} from {began}: {setting.name} "

@@ -45,7 +45,7 @@ class Entry:
 class Journal:
     """The log of a run; goes on where an interrupted run stopped.
 
-    Only the leading process has one: the others use `Journal.silent()`.
+    Only the leading process writes one: the others have it silent.
     """
 
     def __init__(self, run: Path | None, perceptual: str, first_step: int, steps: int) -> None:
@@ -96,11 +96,6 @@ class Journal:
     def advance(self) -> None:
         """One step is done."""
         self.bar.update()
-
-    def say(self, sentence: str) -> None:
-        """Print above the progress bar."""
-        if not self.bar.disable:
-            self.bar.write(sentence)
 
     def record(self, entry: Entry) -> None:
         """Log an entry everywhere; the perceptual term goes under its own name."""

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Literal
 
 from actorsnerf_datasets.torch_dataset import PretrainingDataset
-from actorsnerf_model.actorsnerf import ActorsNeRFConfig
-from actorsnerf_model.pretrained import TrunkOrigin, load_trunk
+from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
+from actorsnerf_model.pretrained import load_trunk
 from actorsnerf_train.checkpoint import Origin
 from actorsnerf_train.config import PresetName, TrainConfig, pretraining
 from actorsnerf_train.data_files import background_of, check_files, describe_file, training_files
@@ -70,14 +70,12 @@ def run_pretrain(options: PretrainOptions) -> Path:
             _config(options, paths), perceptual=perceptual.name, processes=together.processes
         )
         method = build_method(config, device)
-        encoder = actorsnerf(method).encoder
-        trunk = None if encoder is None else load_trunk(encoder, options.trunk_file)
         folder = RunFolder(
             path=options.run,
             config=config,
             data=tuple(describe_file(path) for path in paths),
             setting=None,
-            origin=_origin(trunk),
+            origin=begin_trunk(actorsnerf(method), options.trunk_file),
         )
         training = Training(
             folder=folder,
@@ -91,6 +89,26 @@ def run_pretrain(options: PretrainOptions) -> Path:
         for line in (*left_out, *_announcement(folder), perceptual_note(perceptual)):
             training.say(line)
         return train(training)
+
+
+def begin_trunk(method: ActorsNeRF, file: Path | None) -> Origin:
+    """Where the first weights came from, once the encoder's trunk has those that it begins with.
+
+    Args:
+        method: of random weights.
+        file: of ImageNet weights, where the configuration asks for them.
+
+    Raises:
+        WeightsError: the file is missing, of another network, or holds untrained weights.
+    """
+    trunk = None if method.encoder is None else load_trunk(method.encoder, file)
+    return Origin(
+        trunk=trunk.trunk if trunk else None,
+        trunk_pretrained=trunk is not None and trunk.weights != "random",
+        category_digest=None,
+        category_step=None,
+        category_data=(),
+    )
 
 
 def _config(options: PretrainOptions, paths: tuple[Path, ...]) -> TrainConfig:
@@ -122,16 +140,6 @@ def _source(paths: tuple[Path, ...], config: TrainConfig) -> PretrainingDataset:
         config.patches.count,
         config.patches.side,
         config.schedule.steps,
-    )
-
-
-def _origin(trunk: TrunkOrigin | None) -> Origin:
-    return Origin(
-        trunk=trunk.trunk if trunk else None,
-        trunk_pretrained=trunk is not None and trunk.weights != "random",
-        category_digest=None,
-        category_step=None,
-        category_data=(),
     )
 
 

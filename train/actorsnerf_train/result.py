@@ -193,7 +193,8 @@ class Evaluation:
         for row in self.means:
             if row.convention == convention:
                 return row
+        has = ", ".join(row.convention for row in self.means)
         raise UserError(
-            f"The result of actor {self.actor} has no convention {convention!r}, only "
-            f"{', '.join(row.convention for row in self.means)}: evaluate again with it."
+            f"the result of actor {self.actor} has no figures under the convention {convention} "
+            f"(it has {has}): choose another, or evaluate again."
         )

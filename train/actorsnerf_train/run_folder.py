@@ -100,7 +100,7 @@ def first_difference(found: Json, wanted: Json, where: str) -> str | None:
     """Where two JSON values differ first, in words; keys that only `found` has do not count.
 
     >>> first_difference({"a": {"b": 1}, "c": 0}, {"a": {"b": 2}}, "")
-    'a/b is 1 there, 2 asked'
+    'a/b is 1 there, 2 here'
     """
     if isinstance(found, dict) and isinstance(wanted, dict):
         for key, value in wanted.items():
@@ -108,4 +108,4 @@ def first_difference(found: Json, wanted: Json, where: str) -> str | None:
             if difference:
                 return difference
         return None
-    return None if found == wanted else f"{where} is {found!r} there, {wanted!r} asked"
+    return None if found == wanted else f"{where} is {found!r} there, {wanted!r} here"

@@ -117,7 +117,16 @@ class BakedActor:
         pose: Float[Tensor, "24 3"],
         rest_joints: Float[Tensor, "24 3"],
     ) -> BakedPose:
-        """What depends on the pose alone."""
+        """What depends on the pose alone; in full precision whatever lies around it."""
+        with torch.autocast(pose.device.type, enabled=False):
+            return self._posed(actor, pose, rest_joints)
+
+    def _posed(
+        self,
+        actor: BakedState,
+        pose: Float[Tensor, "24 3"],
+        rest_joints: Float[Tensor, "24 3"],
+    ) -> BakedPose:
         data = actor.data
         frames = posed_frames(pose, rest_joints)
         motions, back = motions_between(*frames, data.canonical_joints)

@@ -49,10 +49,11 @@ def live_parts(
 ) -> PartMaps:
     """The parts of cells with a point that is mapped to something visible and likely enough.
 
-    Where all nodes of a cell are held, no part is missed: between the nodes the warp differs from
-    the map by at most what the map misses at one of them, so a part's image lies in the box around
-    its parallel edges widened by that, and a box that reaches no visible cell holds nothing denser
-    than `VISIBLE_DENSITY`.
+    Where all nodes of a cell are held and the cell is not rough, no part is missed: between the
+    nodes the warp differs from the map by at most what the map misses at one of them, so a part's
+    image lies in the box around its parallel edges widened by that, and a box that reaches no
+    visible cell holds nothing denser than `VISIBLE_DENSITY`. Of rough cells, whose points are asked
+    exactly, all parts are kept.
 
     Args:
         rows: of nodes: place times weight, weight, likelihood; the last axis z is the fastest.
@@ -82,6 +83,7 @@ def live_parts(
     away = (part + (0.5 - PARTS / 2)).to(maps)
     middles = (away @ maps[1:].reshape(3, -1)).reshape(part.shape[0], 4, kept.shape[0]) + maps[0]
     alive = _reaches(middles, (half + missed).index_select(1, kept), filled, threshold)
+    alive |= rough.index_select(0, kept)
     which, column = alive.nonzero().unbind(-1)
     parts = own.index_select(1, column) + part.T.contiguous().index_select(1, which)
     middle = own + PARTS / 2

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from actorsnerf_model.baked.posed_grid import PosedGrid
+from actorsnerf_model.occupancy import window_max
 from actorsnerf_model.projection import NEAR_PLANE
 from actorsnerf_model.rays import rays_through
 from actorsnerf_model.states import Camera
@@ -113,12 +114,7 @@ def stretches(
 def _widest(values: Float[Tensor, "down across"]) -> Float[Tensor, "d a"]:
     """Largest values within `SPREAD` tiles, without the border."""
     for axis in range(2):
-        done, size = 1, 2 * SPREAD + 1
-        while done < size:
-            step = min(done, size - done)
-            length = values.shape[axis] - step
-            values = values.narrow(axis, 0, length).maximum(values.narrow(axis, step, length))
-            done += step
+        values = window_max(values, axis, 2 * SPREAD + 1)
     return values[1:-1, 1:-1]
 
 

@@ -44,7 +44,7 @@ def render_baked(
     camera: Camera,
     options: RenderOptions,
 ) -> Rendering:
-    """A whole picture, (height, width).
+    """A whole picture, (height, width); in full precision whatever lies around it.
 
     A camera amid the body sees through the general renderer.
 
@@ -53,12 +53,20 @@ def render_baked(
         actor: the baked actor.
         pose: of its `pose_state`.
         camera: seen from the posed body frame.
-        options: background, threshold and `stop_transmittance` (0: `STOP`) are heeded; samples are
-            always `STEP` apart.
+        options: background, `stop_transmittance` (0: `STOP`) and a threshold above the one that it
+            was baked for are heeded; samples are always `STEP` apart.
     """
-    shadow = part_shadows(pose.grid, camera)
-    if shadow is None:
-        return render(method, actor, pose, camera, options)
+    with torch.autocast(pose.bounds.device.type, enabled=False):
+        shadow = part_shadows(pose.grid, camera)
+        if shadow is None:
+            return render(method, actor, pose, camera, options)
+        return _within(shadow, actor, pose, camera, options)
+
+
+def _within(
+    shadow: Shadow, actor: BakedState, pose: BakedPose, camera: Camera, options: RenderOptions
+) -> Rendering:
+    """The picture of the parts in a shadow."""
     left, right, top, bottom = shadow.window
     stop = options.stop_transmittance or STOP
     drawn: list[Marched] = []

@@ -84,6 +84,18 @@ def test_it_agrees_with_the_general_renderer(
     assert fast.counts.survivors < slow.counts.survivors
 
 
+def test_it_keeps_its_precision_within_autocast(
+    fitted: Fitted, state: BakedState, pose: BakedPose
+) -> None:
+    view = fitted.views[3]
+    alone = render_baked(BakedActor(), state, pose, camera_of(view), OPTIONS)
+    with torch.autocast("cpu", torch.bfloat16):
+        again = BakedActor().pose_state(state, pose.pose, view.rest_joints)
+        seen = render_baked(BakedActor(), state, again, camera_of(view), OPTIONS)
+    assert torch.equal(seen.rgb, alone.rgb)
+    assert seen.alpha.max() > 0.5
+
+
 def test_an_image_side_is_only_a_cut(fitted: Fitted, state: BakedState, pose: BakedPose) -> None:
     """Half the picture is the half of the whole picture."""
     camera = camera_of(fitted.views[3])

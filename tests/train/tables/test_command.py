@@ -4,12 +4,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.train.tables.configured import without
 
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.__main__ import main
+from actorsnerf_train.config import humannerf
 from actorsnerf_train.health import TrainingError
 from actorsnerf_train.options import Resources
 from actorsnerf_train.pictures import write_png
+from actorsnerf_train.records import to_json_object
 from actorsnerf_train.result import CurvePoint, MeanRow, StripLayout, StripRow
 from actorsnerf_train.result_file import read_result, write_result
 from actorsnerf_train.tables import command
@@ -42,7 +45,7 @@ def test_results_become_tables(write: "WriteResult", tmp_path: Path) -> None:
     text = (tmp_path / "out" / "table_paper.md").read_text()
     assert "**Not at equal steps**" in text
     assert "Only part of the protocol" in text
-    assert "Machines: abacus." in text
+    assert "Machines: abacus (?)." in text
     assert "table_time.md" not in text
 
 
@@ -55,7 +58,7 @@ def test_curves_parts_and_pictures_become_files(write: "WriteResult", tmp_path: 
     strip = StripLayout((12, 8), 4, ("truth", "prediction", "error"), (StripRow("c1", 30, 12, 8),))
     path = write((25.0, 0.9, 50.0), curve=curve, strip=strip, category_seconds=2160.0)
     write_png(path.parent / "strip.png", np.zeros((8, 44, 3), dtype=np.uint8))
-    write((24.0, 0.9, 60.0), configuration={"model": {"deformation": False}})
+    write((24.0, 0.9, 60.0), configuration=without("deformation"))
     told = run_tables(
         TablesOptions(tmp_path / "out", results=(tmp_path / "results",), conventions=("box",))
     )
@@ -77,6 +80,25 @@ def test_a_row_that_lacks_an_actor_says_so(write: "WriteResult", tmp_path: Path)
     text = (tmp_path / "out" / "table_box.md").read_text()
     assert "**Missing actors**: HumanNeRF, fewshot-5 (official list) has no result of zoe." in text
     assert text.count("Missing actors") == 1
+
+
+def test_a_row_with_fewer_seeds_says_so(write: "WriteResult", tmp_path: Path) -> None:
+    for seed in (0, 1):
+        write((25.0, 0.9, 50.0), seed=seed)
+    write((24.0, 0.9, 60.0), method="humannerf")
+    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
+    text = (tmp_path / "out" / "table_box.md").read_text()
+    said = "**Missing seeds** (of 2): HumanNeRF, fewshot-5 (official list) has of eve 1, mean 1."
+    assert said in text
+    assert text.count("Missing seeds") == 1
+
+
+def test_times_of_several_machines_are_told_apart(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.9, 50.0), machine={"processor": "abacus", "device": "cpu"})
+    write((24.0, 0.9, 60.0), method="humannerf", machine={"processor": "slate", "device": "cpu"})
+    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
+    text = (tmp_path / "out" / "table_box.md").read_text()
+    assert "**Times of several machines.** Machines: abacus (cpu), slate (cpu)." in text
 
 
 def test_what_is_missing_is_made_and_nothing_twice(
@@ -129,6 +151,8 @@ def test_a_collapsed_fitting_does_not_cost_the_others(
     assert made == ["eve-fewshot-5-humannerf-seed0", "eve-fewshot-5-scratch-seed0"]
     assert told[0] == "not made: eve-fewshot-5-humannerf-seed0: step 9: the actor has vanished."
     assert any(line.startswith("table: ") for line in told)
+    said = "**Not made**: eve-fewshot-5-humannerf-seed0: step 9: the actor has vanished."
+    assert said in (tmp_path / "table_box.md").read_text()
     with pytest.raises(TrainingError, match="vanished"):
         run_tables(replace(options, data=(people.ann, people.eve), methods=("actorsnerf",)))
     assert made[2:] == ["category"]
@@ -151,7 +175,8 @@ def test_what_is_recorded_is_not_planned(
     people: "People", write: "WriteResult", tmp_path: Path
 ) -> None:
     digest = SequenceFile(people.eve).digest
-    write((24.0, 0.9, 60.0), method="humannerf", preset="tiny", data_sha256=digest, step=2)
+    learned = {"method": "humannerf", "configuration": to_json_object(humannerf("tiny"))}
+    write((24.0, 0.9, 60.0), preset="tiny", data_sha256=digest, step=2, **learned)
     options = TablesOptions(
         tmp_path / "out",
         data=(people.folder,),

@@ -101,7 +101,7 @@ def test_the_spread_at_equal_time_is_over_seeds(write: "WriteResult", tmp_path: 
 
 
 def test_other_pictures_are_refused(write: "WriteResult", tmp_path: Path) -> None:
-    write(SCORES)
+    write(SCORES, seed=2)
     write(SCORES, curve=curve((10, 4.0, 90.0)))
     write(SCORES, curve=curve((10, 4.0, 90.0), frame=32), actor="zoe")
     assert len(measured(gather([tmp_path]))) == 2

@@ -1,9 +1,13 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.train.tables.configured import tuned, without
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.config import Every, fewshot, neuralbody, of_person
+from actorsnerf_train.records import to_json_object
 from actorsnerf_train.tables.entry import gather, refuse_unequal
 
 if TYPE_CHECKING:
@@ -15,8 +19,8 @@ def test_labels_say_method_missing_parts_and_origin(write: "WriteResult", tmp_pa
     write(scores)
     write(scores, method="humannerf", pretrained_from=None)
     write(scores, pretrained_from=None)
-    write(scores, configuration={"model": {"deformation": False, "pixel_features": True}})
-    write(scores, configuration={"model": {"body_features": False}}, pretrained_from=None)
+    write(scores, configuration=without("deformation"))
+    write(scores, configuration=without("body_features"), pretrained_from=None)
     labels = [entry.label for entry in gather([tmp_path])]
     assert labels == [
         "ActorsNeRF",
@@ -50,9 +54,15 @@ def test_nothing_to_gather(tmp_path: Path) -> None:
         ({"dataset": "aist++", "actor": "d16"}, "its dataset is aist"),
         ({"preset": "tiny", "actor": "zoe"}, "its preset is tiny"),
         (
-            {"configuration": {"model": {"deformation": True}, "rates": {}}, "actor": "zoe"},
-            r"its rates are not those of .*, which is ActorsNeRF too",
+            {"configuration": to_json_object(tuned(scale=9.0)), "actor": "zoe"},
+            r"which is ActorsNeRF too \(rates/scale is 2.0 there, 9.0 here\)",
         ),
+        (
+            {"configuration": to_json_object(replace(tuned(), precision="bfloat16"))},
+            r"\(precision is 'float32' there, 'bfloat16' here\)",
+        ),
+        ({"pretrained_from": "e" * 64}, r"\(category is 'f+' there, 'e+' here\)"),
+        ({"render_options": {"samples": 4}}, r"\(rendering/samples is 8 there, 4 here\)"),
     ],
 )
 def test_what_cannot_share_a_table_is_refused(
@@ -61,9 +71,39 @@ def test_what_cannot_share_a_table_is_refused(
     write((25.0, 0.9, 50.0))
     write((26.0, 0.9, 40.0), seed=1)
     refuse_unequal(gather([tmp_path]))
-    write((25.0, 0.9, 50.0), **changes)
+    write((25.0, 0.9, 50.0), seed=2, **changes)
     with pytest.raises(UserError, match=said):
         refuse_unequal(gather([tmp_path]))
+
+
+def test_what_chance_steps_and_the_person_change_shares_a_row(
+    write: "WriteResult", tmp_path: Path
+) -> None:
+    config = neuralbody("small")
+    write((25.0, 0.9, 50.0), method="neuralbody", configuration=to_json_object(config))
+    longer = replace(config.schedule, steps=9)
+    other = replace(of_person(config, 7, (1, 2)), seed=3, schedule=longer, every=Every(log=1))
+    changes = {"method": "neuralbody", "configuration": to_json_object(other), "seed": 3}
+    write((25.0, 0.9, 50.0), **changes)
+    refuse_unequal(gather([tmp_path]))
+
+
+def test_results_recorded_before_a_setting_was_there(write: "WriteResult", tmp_path: Path) -> None:
+    """A key that an older version did not write has its default."""
+    write((25.0, 0.9, 50.0))
+    older = to_json_object(fewshot("small"))
+    del older["background"]
+    write((25.0, 0.9, 50.0), seed=1, configuration=older)
+    refuse_unequal(gather([tmp_path]))
+
+
+def test_a_result_in_two_places_counts_once(write: "WriteResult", tmp_path: Path) -> None:
+    write((25.0, 0.9, 50.0))
+    write((25.0, 0.9, 50.0), checkpoint="a copy")
+    assert len(gather([tmp_path])) == 1
+    write((25.5, 0.9, 50.0))  # the same run, evaluated otherwise
+    with pytest.raises(UserError, match=r"same row \(ActorsNeRF\).*would count as one more seed"):
+        gather([tmp_path])
 
 
 def test_a_convention_that_was_not_measured(write: "WriteResult", tmp_path: Path) -> None:

@@ -4,9 +4,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import torch
+from tests.train.tables.configured import without
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_train.checkpoint import (
+    FORMAT,
+    FORMAT_VERSION,
+    CheckpointInfo,
+    Origin,
+    load_info,
+    save_checkpoint,
+)
+from actorsnerf_train.config import fewshot, humannerf, pretraining
+from actorsnerf_train.records import to_json_object
 from actorsnerf_train.result import Evaluation
 from actorsnerf_train.result_file import write_result
 from actorsnerf_train.tables.entry import gather, label_of
@@ -36,7 +48,10 @@ def options(people: "People", tmp_path: Path) -> TablesOptions:
 def made(evaluation: Evaluation, people: "People") -> Evaluation:
     """What the fitting of ActorsNeRF would have left."""
     digest = SequenceFile(people.eve).digest
-    return replace(evaluation, preset="tiny", step=10, data_sha256=digest)
+    configuration = to_json_object(fewshot("tiny"))
+    return replace(
+        evaluation, preset="tiny", step=10, data_sha256=digest, configuration=configuration
+    )
 
 
 def finish(run: Run, made: Evaluation) -> None:
@@ -45,10 +60,28 @@ def finish(run: Run, made: Evaluation) -> None:
     write_result(run.folder / "evaluation" / "result.json", made)
 
 
-def finish_category(run: Run, digests: list[str]) -> None:
+def finish_category(run: Run, digests: list[str], seed: int = 0) -> None:
     """As if the category training had been made on files of such digests."""
     run.folder.mkdir(parents=True)
-    (run.folder / "log.jsonl").write_text(json.dumps({"step": 100, "seconds": 9.0}) + "\n")
+    config = replace(pretraining("tiny"), seed=seed)
+    info = CheckpointInfo(
+        format=FORMAT,
+        format_version=FORMAT_VERSION,
+        stage="pretrain",
+        method="actorsnerf",
+        step=100,
+        seconds=9.0,
+        configuration=to_json_object(config),
+        origin=Origin(None, False, None, None, ()),
+        data=(),
+        setting=None,
+        generator="",
+        loss_scale={},
+        versions={},
+        commit=None,
+        tensors_sha256="",
+    )
+    save_checkpoint(run.folder, info, {"model/one": torch.ones(1)})
     data = [["walks", "someone", digest] for digest in digests]
     (run.folder / "config.json").write_text(json.dumps({"data": data}))
 
@@ -59,7 +92,8 @@ def test_what_was_asked_for_may_stay(
     category, fitting, _ = runs = make_plan(options)
     digests = [SequenceFile(path).digest for path in (people.ben, people.ann)]
     finish_category(category, digests)
-    finish(fitting, made)
+    began = load_info(category.folder).tensors_sha256
+    finish(fitting, replace(made, pretrained_from=began))
     refuse_other_runs(runs, options)
     assert [run.status for run in runs] == ["done", "done", "missing"]
 
@@ -80,6 +114,46 @@ def test_a_category_of_other_actors_is_refused(options: TablesOptions, people: "
     finish_category(runs[0], [SequenceFile(people.ann).digest])
     with pytest.raises(UserError, match=r"category/config\.json: is of other data than --data"):
         refuse_other_runs(runs, options)
+
+
+def test_a_category_that_was_trained_otherwise_is_refused(
+    options: TablesOptions, people: "People"
+) -> None:
+    runs = make_plan(options)
+    digests = [SequenceFile(path).digest for path in (people.ben, people.ann)]
+    finish_category(runs[0], digests, seed=4)
+    said = r"is of the preset tiny, 100 steps and seed 4, but tiny, 100 steps and seed 0 are asked"
+    with pytest.raises(UserError, match=said):
+        refuse_other_runs(runs, options)
+
+
+def test_a_fitting_of_another_category_is_refused(
+    options: TablesOptions, made: Evaluation, people: "People"
+) -> None:
+    category, fitting, _ = runs = make_plan(options)
+    finish_category(category, [SequenceFile(path).digest for path in (people.ben, people.ann)])
+    finish(fitting, made)
+    with pytest.raises(UserError, match=r"began from another category training than .*category"):
+        refuse_other_runs(runs, options)
+
+
+def test_a_category_whose_last_checkpoint_is_missing_is_not_done(options: TablesOptions) -> None:
+    (run, *_) = make_plan(options)
+    finish_category(run, [])
+    assert run.status == "done"
+    (log,) = [run.folder / "log.jsonl"]
+    log.write_text(json.dumps({"step": 200, "seconds": 9.0}) + "\n")
+    assert replace(run, steps=200).status == "begun"
+
+
+def test_a_glance_is_no_evaluation(options: TablesOptions, made: Evaluation) -> None:
+    _, fitting, _ = runs = make_plan(options)
+    finish(fitting, replace(made, limited=True))
+    with pytest.raises(UserError, match=r"only 2 frames were evaluated.*give --max-frames 2"):
+        refuse_other_runs(runs, options)
+    with pytest.raises(UserError, match="only 2 frames were evaluated"):
+        refuse_other_runs(runs, replace(options, max_frames=3))
+    refuse_other_runs(runs, replace(options, max_frames=2))
 
 
 @pytest.mark.parametrize(
@@ -104,13 +178,19 @@ def test_recorded_results_stand_for_runs(
     options: TablesOptions, made: Evaluation, write: "WriteResult", tmp_path: Path
 ) -> None:
     runs = make_plan(options)
-    same = {"preset": "tiny", "step": 10, "data_sha256": made.data_sha256}
+    same: dict[str, object] = {"preset": "tiny", "step": 10, "data_sha256": made.data_sha256}
+    same["configuration"] = made.configuration
     assert to_make(runs, (), options) == runs
     write((25.0, 0.9, 50.0), **same, seed=1)  # another seed stands for nothing
     assert to_make(runs, gather([tmp_path / "results"]), options) == runs
+    other = to_json_object(replace(fewshot("tiny"), precision="bfloat16"))
+    path = write((25.0, 0.9, 50.0), **{**same, "configuration": other})
+    assert to_make(runs, gather([tmp_path / "results"]), options) == runs
+    path.unlink()
     write((25.0, 0.9, 50.0), **same)
     left = to_make(runs, gather([tmp_path / "results"]), options)
     assert [run.folder.name for run in left] == ["eve-fewshot-5-humannerf-seed0"]
+    same["configuration"] = to_json_object(humannerf("tiny"))
     write((25.0, 0.9, 50.0), **same, method="humannerf", pretrained_from=None)
     assert to_make(runs, gather([tmp_path / "results"]), options) == ()
 
@@ -122,5 +202,5 @@ def test_a_label_is_what_the_evaluation_will_bear(evaluation: Evaluation) -> Non
     assert label("actorsnerf") == label_of(evaluation)
     assert label("scratch") == label_of(replace(evaluation, pretrained_from=None))
     assert label("neuralbody") == label_of(replace(evaluation, method="neuralbody"))
-    bare = replace(evaluation, configuration={"model": {"body_features": False}})
+    bare = replace(evaluation, configuration=without("body_features"))
     assert label("no-body-features") == label_of(bare)

@@ -3,6 +3,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.train.tables.configured import without
 
 from actorsnerf_train.tables.entry import gather
 from actorsnerf_train.tables.parts import part_gains, write_parts
@@ -10,7 +11,7 @@ from actorsnerf_train.tables.parts import part_gains, write_parts
 if TYPE_CHECKING:
     from tests.train.tables.conftest import WriteResult
 
-BARE = {"model": {"deformation": False}}
+BARE = without("deformation")
 
 
 def pair(
@@ -40,10 +41,12 @@ def test_gains_are_means_over_pairs(write: "WriteResult", tmp_path: Path) -> Non
     ("errors", "verdict"),
     [
         ((60.0, 61.0, 62.0), "pays"),
-        ((52.0, 54.0, 59.0), "pays"),  # 5.0 against 2 x 3.6 / sqrt(3)
+        ((52.0, 54.0, 59.0), "within noise"),  # 5.0 against 4.30 x 3.6 / sqrt(3)
+        ((52.0, 54.0, 59.0, 56.0, 53.0), "pays"),  # 4.8 against 2.78 x 2.8 / sqrt(5)
         ((45.0, 44.0, 43.0), "harms"),
         ((60.0, 45.0, 51.0), "within noise"),
-        ((60.0,), "one pair: says nothing of noise"),
+        ((60.0,), "too few pairs to tell (under 3)"),
+        ((60.0, 60.1), "too few pairs to tell (under 3)"),
     ],
 )
 def test_the_verdict_looks_at_the_spread(
@@ -65,7 +68,7 @@ def test_both_files(write: "WriteResult", tmp_path: Path) -> None:
     lines = (tmp_path / "parts.md").read_text().splitlines()
     assert lines[4] == (
         "| deformation | fewshot-5 | official | +11.0 ± 1.4 | +18.0% | 2 of 2 | "
-        "0.20 with, 0.16 without | pays |"
+        "0.20 with, 0.16 without | too few pairs to tell (under 3) |"
     )
     assert lines[5].startswith("| category training | fewshot-5 | official | +25.0 | +33.3% |")
     rows = list(csv.DictReader((tmp_path / "parts.csv").read_text().splitlines()))

@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +33,8 @@ def train(run: Run, steps: int, seconds: float) -> None:
     run.folder.mkdir(parents=True)
     entry = {"step": steps, "seconds": seconds, "lpips": 0.1}
     (run.folder / "log.jsonl").write_text(json.dumps(entry) + "\n")
+    (run.folder / "checkpoints").mkdir()
+    (run.folder / "checkpoints" / "latest").write_text(f"step_{steps:06d}\n")
 
 
 def test_categories_come_first_and_rows_begin_from_theirs(
@@ -87,6 +90,15 @@ def test_a_sequence_too_short_for_a_setting(options: TablesOptions) -> None:
     said = "actor eve has no setting fewshot-300 in protocol generic: its 20 frames are too few"
     with pytest.raises(UserError, match=said):
         make_plan(replace(options, settings=("fewshot-5", "fewshot-300")))
+
+
+def test_two_sequences_of_a_held_out_actor_are_refused(
+    options: TablesOptions, people: "People", tmp_path: Path
+) -> None:
+    again = tmp_path / "eve_again.h5"
+    shutil.copy(people.eve, again)
+    with pytest.raises(UserError, match=r"is of actor eve, like .*\.h5: a table has one sequence"):
+        make_plan(replace(options, data=(people.folder, again)))
 
 
 def test_an_actor_on_both_sides_is_refused(

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ def test_the_papers_figures_stand_beside_the_same_experiment_only(
                 dataset="zju-mocap",
                 preset="official",
                 setting=setting,
+                step=300_000,
             )
     entries = gather([tmp_path])
     table = make_table(entries, "paper")
@@ -27,6 +29,8 @@ def test_the_papers_figures_stand_beside_the_same_experiment_only(
     assert published_mean(table, five) == (27.52, 0.9566, 44.9)
     assert published_mean(table, video) is None
     assert published_mean(make_table(entries, "box"), five) is None
+    assert published_mean(replace(table, limited=True), five) is None
+    assert published_mean(table, replace(five, steps=(500,))) is None
     fewer = make_table(entries[:4], "paper")
     assert published_mean(fewer, fewer.rows[0]) is None
 

@@ -103,7 +103,7 @@ def run_report(options: ReportOptions) -> tuple[str, ...]:
     lpips = published_lpips(options.lpips, device)
     subjects = [_subject(checkpoint, options, device) for checkpoint in options.checkpoints]
     baked = [load_baked(path, device) for path in options.baked]
-    refuse_strangers([subject.trained.actor for subject in subjects], baked)
+    refuse_strangers([subject.trained for subject in subjects], baked)
     reports: list[ActorReport] = []
     rates: dict[str, float] = {}
     for subject in tqdm(subjects, desc="actors", unit="actor", leave=False):

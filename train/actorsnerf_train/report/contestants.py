@@ -36,7 +36,7 @@ def contestants(
     filled = where_filled(trained) if asked else None
     drawing = [contestant_of(trained, point, filled) for point in points]
     loaded = [load_baked(path, trained.device) for path in baked]
-    return drawing + [contestant_of(one) for one in loaded if one.actor == trained.actor]
+    return drawing + [contestant_of(one) for one in loaded if shows(one, trained)]
 
 
 def contestant_of(
@@ -58,17 +58,25 @@ def contestant_of(
     return Contestant(point.name, point.says, point.kind, point.precision, actor)
 
 
-def refuse_strangers(actors: Sequence[str], baked: Sequence[TrainedActor[Any]]) -> None:
-    """Nothing, if every baked file shows one of the actors.
+def shows(baked: TrainedActor[Any], trained: TrainedActor[Any]) -> bool:
+    """Whether a baked file was made of this very checkpoint."""
+    return baked.info.tensors_sha256 == trained.info.tensors_sha256
+
+
+def refuse_strangers(
+    fitted: Sequence[TrainedActor[Any]], baked: Sequence[TrainedActor[Any]]
+) -> None:
+    """Nothing, if every baked file was made of one of the checkpoints.
 
     Raises:
-        UserError: one shows somebody else.
+        UserError: one was made of another.
     """
     for one in baked:
-        if one.actor not in actors:
+        if not any(shows(one, trained) for trained in fitted):
+            names = ", ".join(f"{trained.path} ({trained.actor})" for trained in fitted)
             raise UserError(
-                f"{one.path}: shows {one.actor}, but the checkpoints are fitted to "
-                f"{', '.join(actors)}: leave the file out, or report on its checkpoint."
+                f"{one.path}: shows {one.actor} as another checkpoint than {names} has it: bake "
+                "again, leave the file out, or report on its checkpoint."
             )
 
 

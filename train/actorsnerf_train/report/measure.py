@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
-from actorsnerf_model.states import Counts, Rendering
+from actorsnerf_model.states import Counts, PoseState, Rendering
 from actorsnerf_train.config import Precision
 from actorsnerf_train.methods import DTYPES
 from actorsnerf_train.report.frames import Frame
@@ -133,11 +133,23 @@ class Effort:
     seed: int
 
 
-@torch.no_grad()
 def draw(contestant: Contestant, frame: Frame, effort: Effort) -> Drawn:
     """The frame as the contestant draws it, the pose's own work included."""
+    return draw_posed(contestant, frame, posed(contestant, frame), effort)
+
+
+@torch.no_grad()
+def posed(contestant: Contestant, frame: Frame) -> PoseState:
+    """The actor's state in the frame's pose."""
     actor = contestant.actor
-    pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
+    pose: PoseState = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
+    return pose
+
+
+@torch.no_grad()
+def draw_posed(contestant: Contestant, frame: Frame, pose: PoseState, effort: Effort) -> Drawn:
+    """The frame of an actor that is posed already."""
+    actor = contestant.actor
     options = actor.config.render
     if contestant.kind != "reference":
         return Drawn(draw_actor(actor, pose, frame.camera, options), None)
@@ -211,7 +223,7 @@ def spread(times: Sequence[float]) -> Spread:
 def field_flops(contestant: Contestant, frame: Frame) -> Products:
     """What one sample needs in the field."""
     actor = contestant.actor
-    pose = actor.method.pose_state(actor.state, frame.pose, frame.rest_joints)
+    pose = posed(contestant, frame)
     low, high = pose.bounds
     shares = torch.rand(20_000, 3, generator=torch.Generator().manual_seed(0)).to(low)
     points = low + shares * (high - low)
@@ -250,12 +262,15 @@ def now(device: torch.device) -> float:
 
 
 def _seconds(contestant: Contestant, frame: Frame, effort: Effort) -> float:
-    """Time of the whole frame; from a share of the rays it is that of all in the box."""
+    """Time of the whole frame: the pose's once, and that of a share of the rays as of all."""
     device = frame.pose.device
     began = now(device)
-    drawn = draw(contestant, frame, effort)
-    took = now(device) - began
-    return took if drawn.pixels is None else took * _unshared(drawn, frame)
+    pose = posed(contestant, frame)
+    ready = now(device)
+    drawn = draw_posed(contestant, frame, pose, effort)
+    took = now(device) - ready
+    whole = took if drawn.pixels is None else took * _unshared(drawn, frame)
+    return ready - began + whole
 
 
 def _unshared(drawn: Drawn, frame: Frame) -> float:

@@ -82,7 +82,7 @@ def make_step(
     choice = (
         FewshotChoice()
         if setting is None
-        else FewshotChoice(setting.name, None, setting.protocol, len(trained.supports))
+        else FewshotChoice(setting.name, setting.list_name, setting.protocol, len(trained.supports))
     )
     patches = config.patches
     source = FewshotDataset(data, choice, seed, patches.count, patches.side, 1)
@@ -157,6 +157,9 @@ def largest_error(found: dict[str, Tensor], expected: dict[str, Tensor]) -> tupl
 
 
 def _config(stage: Stage, trained: TrainedActor[Any]) -> TrainConfig:
+    """A few-shot step as the actor was fitted; a category step as the preset has it."""
+    if stage == trained.config.stage:
+        return replace(trained.config, precision="float32")
     preset = pretraining if stage == "pretrain" else fewshot
     base = preset(trained.config.preset)
     return replace(

@@ -127,7 +127,7 @@ def _subject(
     window = float(config.actorsnerf.deformation_net.octaves)
     with torch.no_grad():
         state = own.actor_state(views, window)
-    options = replace(config.render, stop_transmittance=0.0)
+    options = replace(config.render, stop_transmittance=0.0, least_learned=0.0)
     return Subject(precision, own, views, state, options, poses.float().to(views[0].pose))
 
 

@@ -6,26 +6,25 @@ from pathlib import Path
 from tqdm import tqdm
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.health import TrainingError
 from actorsnerf_train.metrics import ConventionName
-from actorsnerf_train.result_file import RESULT_NAME
 from actorsnerf_train.tables.curve_plot import write_curve_plot
 from actorsnerf_train.tables.curves import (
-    Line,
     make_lines,
     make_time_table,
     measured,
-    plateau_sentence,
 )
 from actorsnerf_train.tables.entry import Entry, gather, refuse_unequal
 from actorsnerf_train.tables.execute import execute
 from actorsnerf_train.tables.made import refuse_other_runs, to_make
+from actorsnerf_train.tables.notes import COLLAPSED, collapses, table_notes, time_notes
 from actorsnerf_train.tables.options import TablesOptions
 from actorsnerf_train.tables.parts import part_gains, write_parts
 from actorsnerf_train.tables.plan import Run, hours_left, make_plan
 from actorsnerf_train.tables.plot import write_plot
 from actorsnerf_train.tables.side_by_side import write_side_by_side
-from actorsnerf_train.tables.table import Table, make_table
+from actorsnerf_train.tables.table import make_table
 from actorsnerf_train.tables.writing import write_table
 
 
@@ -61,11 +60,14 @@ def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:
     for number, run in enumerate(missing, start=1):
         tqdm.write(f"\nrun {number} of {len(missing)}: {run.folder.name}")
         try:
-            execute(run, options.preset, options.list, options.use, options.max_frames)
+            execute(run, options)
+            (run.folder / COLLAPSED).unlink(missing_ok=True)
         except TrainingError as error:
             if run.setting is None:
                 raise
             lost.append(f"not made: {run.folder.name}: {error}")
+            run.folder.mkdir(parents=True, exist_ok=True)
+            write_whole(run.folder / COLLAPSED, f"{error}\n".encode())
             tqdm.write(lost[-1])
     return lost
 
@@ -73,7 +75,8 @@ def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:
 def _write(out: Path, entries: Sequence[Entry], convention: ConventionName) -> list[Path]:
     """The files under one convention: tables, plot, and what each part earns."""
     table = make_table(entries, convention)
-    told = [*write_table(out, f"table_{convention}", table, _notes(entries, table))]
+    notes = (*table_notes(entries, table), *collapses(out))
+    told = [*write_table(out, f"table_{convention}", table, notes)]
     plot, parts = out / f"lpips_{convention}.png", out / f"parts_{convention}.md"
     if write_plot(plot, table):
         told.append(plot)
@@ -90,7 +93,7 @@ def _write_curves(out: Path, entries: Sequence[Entry]) -> list[Path]:
     if not curves:
         return []
     table, lines = make_time_table(curves), make_lines(curves)
-    told = [*write_table(out, "table_time", table, _time_notes(curves, lines))]
+    told = [*write_table(out, "table_time", table, time_notes(curves, lines))]
     plot = out / "curves.png"
     if write_curve_plot(plot, lines):
         told.append(plot)
@@ -121,43 +124,3 @@ def describe_plan(runs: Sequence[Run]) -> tuple[str, ...]:
     if unknown:
         guess += f", not counting {unknown} runs of which no like one has been timed yet"
     return (*lines, guess)
-
-
-def _notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
-    """What could bias the figures, in sentences."""
-    results = [entry.result for entry in entries]
-    notes = [f"{len(entries)} results ({RESULT_NAME}), seeds {sorted({r.seed for r in results})}."]
-    if any(r.limited for r in results):
-        frames, cameras = len(results[0].frames), len(results[0].cameras)
-        notes.append(
-            f"Only part of the protocol was evaluated: {frames} frames x {cameras} cameras."
-        )
-    for row in table.rows:
-        absent = [actor for actor in table.actors if actor not in row.cells]
-        if absent:
-            name = f"{row.label}, {row.setting} ({row.list_name} list)"
-            notes.append(f"**Missing actors**: {name} has no result of {', '.join(absent)}.")
-    uneven = [row for row in table.rows if len(row.steps) > 1]
-    if uneven or len({row.steps for row in table.rows}) > 1:
-        notes.append("**Not at equal steps**: see the column.")
-    if any(r.pretrained_from for r in results):
-        notes.append(
-            "Training times leave out the category training, which is made once and stands beside "
-            "('-': none, or not recorded)."
-        )
-    if any(r.curve for r in results):
-        notes.append("At equal training time: table_time.md; error against time: curves.png.")
-    machines = sorted({str(r.machine.get("processor", "?")) for r in results})
-    notes.append(f"Machines: {', '.join(machines)}.")
-    return tuple(notes)
-
-
-def _time_notes(entries: Sequence[Entry], lines: Sequence[Line]) -> tuple[str, ...]:
-    points = entries[0].result.curve or ()
-    return (
-        f"Read off the curves (curves.png) of {len(entries)} trainings, each the mean over "
-        f"{len(points[0].pictures)} evaluation pictures of the actor; nothing was chosen by them. "
-        "`time`: every method after the training time of the setting's quickest, interpolated; "
-        "category training stands beside and is not in it.",
-        *(sentence for line in lines if (sentence := plateau_sentence(line))),
-    )

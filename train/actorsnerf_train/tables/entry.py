@@ -1,13 +1,16 @@
 """Evaluations as entries of a table: whose row they belong to, and whether they may share one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.metrics import ConventionName
-from actorsnerf_train.result import Evaluation, MeanRow
+from actorsnerf_train.records import from_json, to_json
+from actorsnerf_train.result import Evaluation, Json, MeanRow
 from actorsnerf_train.result_file import RESULT_NAME, read_result
+from actorsnerf_train.run_folder import first_difference
 
 PARTS = {
     "deformation": "deformation",
@@ -33,29 +36,30 @@ class Entry:
         Raises:
             UserError: it was not measured under that convention.
         """
-        for row in self.result.means:
-            if row.convention == convention:
-                return row
-        has = ", ".join(row.convention for row in self.result.means)
-        raise UserError(
-            f"{self.path}: has no figures under the convention {convention} (it has {has}); one "
-            "table has one convention: choose another, or evaluate again."
-        )
+        try:
+            return self.result.mean(convention)
+        except UserError as error:
+            raise UserError(f"{self.path}: {error}") from None
 
 
 def label_of(result: Evaluation) -> str:
     """The row that an evaluation belongs to."""
-    name = METHODS.get(result.method, result.method)
-    if result.method != "actorsnerf":
-        return name
     model = result.configuration.get("model")
-    missing = [
-        PARTS[part] for part in PARTS if isinstance(model, dict) and model.get(part) is False
-    ]
-    notes = [f"no {part}" for part in missing]
-    if result.pretrained_from is None:
-        notes.append("from scratch")
-    return ", ".join([name, *notes])
+    missing = [part for part in PARTS if isinstance(model, dict) and model.get(part) is False]
+    return label_from(result.method, missing, result.pretrained_from is None)
+
+
+def label_from(method: str, without: Sequence[str], scratch: bool) -> str:
+    """A row's name.
+
+    >>> label_from("actorsnerf", ["deformation"], scratch=True)
+    'ActorsNeRF, no deformation, from scratch'
+    """
+    name = METHODS.get(method, method)
+    if method != "actorsnerf":
+        return name
+    notes = [f"no {PARTS[part]}" for part in without]
+    return ", ".join([name, *notes, *(["from scratch"] if scratch else [])])
 
 
 def gather(places: Sequence[Path]) -> tuple[Entry, ...]:
@@ -64,18 +68,60 @@ def gather(places: Sequence[Path]) -> tuple[Entry, ...]:
     Raises:
         UserError: there is none, or one cannot be read.
     """
-    paths = sorted({path for place in places for path in _results_below(place)})
-    entries = [Entry(path, result, label_of(result)) for path, result in _read(paths)]
+    paths = sorted({path.resolve() for place in places for path in _results_below(place)})
+    entries = without_copies(
+        [Entry(path, result, label_of(result)) for path, result in _read(paths)]
+    )
     if not entries:
         raise UserError(
             f"{', '.join(map(str, places))}: no result of a few-shot training ({RESULT_NAME}); "
             "make one: python -m actorsnerf_train evaluate --help"
         )
-    return tuple(entries)
+    return entries
 
 
-LEARNING = ("rates", "losses", "patches")
-"""Of a configuration, what all runs of a row share: a baseline tuned since is another baseline."""
+def without_copies(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """The entries, a result that lies in several places once.
+
+    Raises:
+        UserError: two are of one row, setting, list, actor and seed, but not the same evaluation.
+    """
+    known: dict[tuple[object, ...], Entry] = {}
+    for entry in entries:
+        result = entry.result
+        where = (result.setting, result.list_name, result.actor, result.seed)
+        twin = known.setdefault((entry.label, *where), entry)
+        if replace(twin.result, checkpoint="") != replace(result, checkpoint=""):
+            raise UserError(
+                f"{entry.path}: is of the same row ({entry.label}), setting, actor and seed as "
+                f"{twin.path}, so it would count as one more seed: leave one of them out."
+            )
+    return tuple(known.values())
+
+
+NOT_LEARNING = ("seed", "every", "health")
+"""Of a configuration, what does not make two trainings differ but by chance."""
+OF_PERSON = ("vertices", "frames")
+"""Of a model, what follows from the person and the setting."""
+
+
+def way_to_learn(result: Evaluation, where: Path) -> dict[str, Json]:
+    """What all runs of a row share: everything of the configuration but chance, steps and person.
+
+    A baseline that was tuned since, or that learned at another precision, is another baseline.
+    """
+    config = to_json(from_json(TrainConfig, result.configuration, f"{where}: configuration"))
+    assert isinstance(config, dict)
+    way = {key: value for key, value in config.items() if key not in NOT_LEARNING}
+    for key, names in (("model", OF_PERSON), ("schedule", ("steps",))):
+        part = way[key]
+        assert isinstance(part, dict)
+        way[key] = {name: value for name, value in part.items() if name not in names}
+    return way | {
+        "category": result.pretrained_from,
+        "rendering": dict(result.render_options),
+        "baked": None if result.baked is None else result.baked.get("options"),
+    }
 
 
 def refuse_unequal(entries: Sequence[Entry]) -> None:
@@ -87,7 +133,7 @@ def refuse_unequal(entries: Sequence[Entry]) -> None:
     """
     first = entries[0]
     known: dict[str, Entry] = {}
-    rows: dict[str, Entry] = {}
+    rows: dict[str, tuple[Entry, dict[str, Json]]] = {}
     for entry in entries:
         for name in ("dataset", "preset"):
             one, other = getattr(first.result, name), getattr(entry.result, name)
@@ -96,13 +142,14 @@ def refuse_unequal(entries: Sequence[Entry]) -> None:
                     f"{entry.path}: its {name} is {other}, that of {first.path} is {one}: one "
                     f"table has one; leave one of them out."
                 )
-        row = rows.setdefault(entry.label, entry)
-        for name in LEARNING:
-            if row.result.configuration.get(name) != entry.result.configuration.get(name):
-                raise UserError(
-                    f"{entry.path}: its {name} are not those of {row.path}, which is {entry.label} "
-                    "too: one row has one way to learn; leave one of them out."
-                )
+        way = way_to_learn(entry.result, entry.path)
+        row, shared = rows.setdefault(entry.label, (entry, way))
+        difference = first_difference(shared, way, "")
+        if difference:
+            raise UserError(
+                f"{entry.path}: differs from {row.path}, which is {entry.label} too "
+                f"({difference}): one row has one way to learn and to draw; leave one of them out."
+            )
         mate = known.setdefault(entry.result.actor, entry)
         for name in ("data_sha256", "frames", "cameras", "background"):
             if getattr(mate.result, name) != getattr(entry.result, name):

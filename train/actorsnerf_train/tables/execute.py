@@ -1,35 +1,35 @@
 """A planned run made, or gone on with: trained, and evaluated if it is of one actor."""
 
-from actorsnerf_datasets.types import ListName
-from actorsnerf_train.config import PresetName
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
-from actorsnerf_train.options import Changes, Resources
+from actorsnerf_train.options import Changes
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
-from actorsnerf_train.tables.options import ABLATED, METHODS
+from actorsnerf_train.tables.options import ABLATED, TablesOptions, method_of
 from actorsnerf_train.tables.plan import EVALUATION, Run
 
 
-def execute(
-    run: Run,
-    preset: PresetName,
-    list_name: ListName | None,
-    use: Resources,
-    max_frames: int | None,
-) -> None:
+def execute(run: Run, options: TablesOptions) -> None:
     """Train the run to its end and evaluate it; what is done is not repeated.
 
     Args:
         run: of a plan.
-        preset: of all trainings.
-        list_name: of the few-shot frames.
-        use: how to compute.
-        max_frames: evaluation frames at most; None: the whole protocol.
+        options: that the plan follows.
     """
+    preset, use = options.preset, options.use
     change = Changes(steps=run.steps, seed=run.seed)
     if run.setting is None:
         without = (ABLATED[run.method],) if run.method in ABLATED else ()
-        run_pretrain(PretrainOptions(run.data, run.folder, preset, without, change=change, use=use))
+        run_pretrain(
+            PretrainOptions(
+                run.data,
+                run.folder,
+                preset,
+                without,
+                trunk_file=options.trunk_file,
+                change=change,
+                use=use,
+            )
+        )
         return
     (data,) = run.data
     run_fewshot(
@@ -38,8 +38,9 @@ def execute(
             run=run.folder,
             category=run.category or "scratch",
             protocol=run.setting,
-            list=list_name,
-            method=METHODS.get(run.method, "actorsnerf"),
+            list=options.list,
+            trunk_file=options.trunk_file,
+            method=method_of(run.method),
             preset=preset,
             change=change,
             use=use,
@@ -51,7 +52,7 @@ def execute(
             checkpoint=run.folder,
             data=data,
             out=run.folder / EVALUATION,
-            max_frames=max_frames,
+            max_frames=options.max_frames,
             lpips=use.lpips,
             device=use.device,
         )

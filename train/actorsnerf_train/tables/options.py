@@ -25,9 +25,18 @@ ABLATED: dict[MethodRow, Part] = {
     "no-pixel-features": "pixel_features",
     "no-body-features": "body_features",
 }
-METHODS: dict[MethodRow, MethodName] = {"humannerf": "humannerf", "neuralbody": "neuralbody"}
+BASELINES: dict[MethodRow, MethodName] = {"humannerf": "humannerf", "neuralbody": "neuralbody"}
 """Rows of other methods; the rest are ActorsNeRF's."""
-WITHOUT_CATEGORY: tuple[MethodRow, ...] = ("scratch", *METHODS)
+WITHOUT_CATEGORY: tuple[MethodRow, ...] = ("scratch", *BASELINES)
+
+
+def method_of(row: MethodRow) -> MethodName:
+    """The method that a row is of.
+
+    >>> method_of("scratch"), method_of("humannerf")
+    ('actorsnerf', 'humannerf')
+    """
+    return BASELINES.get(row, "actorsnerf")
 
 
 @dataclass(frozen=True)
@@ -47,6 +56,9 @@ class TablesOptions:
     they stand for is not trained again."""
     preset: PresetName = "small"
     """Of all trainings."""
+    trunk_file: Path | None = None
+    """ImageNet weights that ActorsNeRF's encoder begins from where the preset asks for them:
+    torchvision's resnet18-f37072fd.pth (official)."""
     methods: tuple[MethodRow, ...] = ("actorsnerf", "humannerf", "neuralbody")
     """Rows; scratch: ActorsNeRF without category; no-...: ablations in both trainings."""
     settings: tuple[str, ...] = ("fewshot-5", "fewshot-10", "fewshot-30", "short-video")

@@ -16,8 +16,10 @@ WITHOUT = {part: f"{WHOLE}, no {part}" for part in PARTS.values()} | {
     "category training": f"{WHOLE}, from scratch"
 }
 """Label of the row without each part."""
-NOISE = 2.0
-"""A gain under so many standard errors of its mean counts as noise."""
+STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26)
+"""97.5 % quantiles of Student's t for 1, 2, ... degrees of freedom; the last for all beyond."""
+LEAST_PAIRS = 3
+"""Under so many, a spread says next to nothing."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,11 @@ class PartGain:
 
     @property
     def clear(self) -> bool:
-        """Whether the gain, or loss, stands out of the spread over pairs."""
+        """Whether the gain, or loss, stands out of the spread over pairs (t-test, 5 %)."""
         if self.gain.spread is None:
             return False
-        return abs(self.gain.value) > NOISE * self.gain.spread / math.sqrt(self.pairs)
+        quantile = STUDENT[min(self.pairs - 1, len(STUDENT)) - 1]
+        return abs(self.gain.value) > quantile * self.gain.spread / math.sqrt(self.pairs)
 
 
 def part_gains(entries: Sequence[Entry], convention: ConventionName) -> tuple[PartGain, ...]:
@@ -72,7 +75,8 @@ def write_parts(path: Path, gains: Sequence[PartGain], convention: ConventionNam
     head = ["part", "setting", "list", "LPIPS x1000 gained", "share", "better in", "s a step"]
     lines = [
         f"What each part earns, convention `{convention}`: error without it minus error with it, "
-        "mean over pairs of one actor and seed (± standard deviation over pairs).",
+        "mean over pairs of one actor and seed (± standard deviation over pairs). All pairs of a "
+        "row share one category training, whose own chance is not in the spread.",
         "",
         f"| {' | '.join([*head, 'verdict'])} |",
         f"|{' --- |' * (len(head) + 1)}",
@@ -94,8 +98,8 @@ def write_parts(path: Path, gains: Sequence[PartGain], convention: ConventionNam
 
 
 def _verdict(gain: PartGain) -> str:
-    if gain.gain.spread is None:
-        return "one pair: says nothing of noise"
+    if gain.pairs < LEAST_PAIRS:
+        return f"too few pairs to tell (under {LEAST_PAIRS})"
     if not gain.clear:
         return "within noise"
     return "pays" if gain.gain.value > 0 else "harms"

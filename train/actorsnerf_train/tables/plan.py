@@ -10,6 +10,7 @@ from typing import Literal
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_shots
+from actorsnerf_train.checkpoint import FOLDER, LATEST, checkpoint_path
 from actorsnerf_train.config import fewshot, pretraining
 from actorsnerf_train.data_files import SUFFIX
 from actorsnerf_train.result_file import RESULT_NAME
@@ -45,7 +46,7 @@ class Run:
         """How far it is."""
         if self.setting is not None and (self.folder / EVALUATION / RESULT_NAME).is_file():
             return "done"
-        if self.setting is None and _steps_done(self.folder) >= self.steps:
+        if self.setting is None and _steps_saved(self.folder) >= self.steps:
             return "done"
         return "begun" if self.folder.is_dir() else "missing"
 
@@ -134,6 +135,13 @@ def _sorted_files(files: Sequence[Path]) -> tuple[tuple[Path, ...], dict[Path, s
                 "on a known person mean nothing; leave one of the files out, or prepare both with "
                 "--held-out."
             )
+    for path, actor in held_out.items():
+        other = next(one for one, name in held_out.items() if name == actor)
+        if other != path:
+            raise UserError(
+                f"{path}: is of actor {actor}, like {other}: a table has one sequence of each held-"
+                "out actor; name the files that you want, one each."
+            )
     return tuple(training), held_out
 
 
@@ -150,6 +158,13 @@ def _refuse_missing_settings(path: Path, options: TablesOptions) -> None:
                     "(--settings), or prepare a longer sequence."
                 )
             find_shots(file, protocol, FewshotChoice(setting, options.list))
+
+
+def _steps_saved(folder: Path) -> int:
+    """Of the latest checkpoint: the log may be ahead of it."""
+    if not (folder / FOLDER / LATEST).is_file():
+        return 0
+    return int(checkpoint_path(folder).stem.removeprefix("step_"))
 
 
 def _steps_done(folder: Path) -> int:

@@ -4,6 +4,7 @@ Source: ActorsNeRF (ICCV 2023), its tables: whole image, mean over the held-out 
 387, 393, 394; AIST++: d16 to d20), PSNR / SSIM / LPIPS x 1000.
 """
 
+from actorsnerf_train.config import fewshot
 from actorsnerf_train.tables.table import Row, Table
 
 CONVENTION = "paper"
@@ -46,8 +47,10 @@ def published_mean(table: Table, row: Row) -> tuple[float, float, float] | None:
     """The paper's mean over actors for a row; None where it has none that compares.
 
     It compares only for the same actors of the real data set, under the paper's convention, with
-    the official sizes and lists.
+    the official sizes, lists and number of steps, on the whole protocol.
     """
+    if table.limited or row.steps != (fewshot("official").schedule.steps,):
+        return None
     if (table.convention, table.preset, row.list_name) != (CONVENTION, "official", "official"):
         return None
     if table.actors != ACTORS.get(table.dataset) or not row.setting.startswith("fewshot-"):

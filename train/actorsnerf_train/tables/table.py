@@ -63,6 +63,8 @@ class Table:
     preset: str
     actors: tuple[str, ...]
     rows: tuple[Row, ...]
+    limited: bool = False
+    """Whether only part of the protocol's pictures was evaluated."""
 
 
 def make_table(
@@ -88,7 +90,8 @@ def make_table(
     order = sorted(groups, key=lambda key: (key[0] == "short-video", key[1], key[2], key[3]))
     rows = tuple(_row(key, groups[key], actors, measure) for key in order)
     first = entries[0].result
-    return Table(convention, first.dataset, first.preset, actors, rows)
+    limited = any(entry.result.limited for entry in entries)
+    return Table(convention, first.dataset, first.preset, actors, rows, limited)
 
 
 def _row(
