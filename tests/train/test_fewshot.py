@@ -11,12 +11,15 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.humannerf import HumanNeRFState
 from actorsnerf_model.neuralbody import NeuralBody
 from actorsnerf_model.presets import HUMANNERF_TINY
+from actorsnerf_model.pretrained import WeightsError
 from actorsnerf_model.render import render
 from actorsnerf_train.batches import camera_of
 from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
-from actorsnerf_train.config import MethodName
+from actorsnerf_train.config import MethodName, pretraining
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
+from actorsnerf_train.methods import actorsnerf, build_method
 from actorsnerf_train.options import Changes, Resources
+from actorsnerf_train.pretrain import begin_trunk
 from actorsnerf_train.trained import load_trained
 
 
@@ -145,6 +148,21 @@ def test_neural_body_learns_resumes_and_renders_without_its_file(
     picture = render(method, trained.state, pose, camera_of(view), trained.config.render)
     assert picture.rgb.isfinite().all()
     assert picture.counts.survivors > 0
+
+
+def test_scratch_begins_with_the_trunk_that_the_preset_names(options: FewshotOptions) -> None:
+    """The same first encoder as its category training would have had."""
+    scratch = replace(options, category="scratch")
+    with pytest.raises(WeightsError, match="ImageNet weights of resnet18 were asked for"):
+        run_fewshot(replace(scratch, preset="official"))
+    method = actorsnerf(build_method(pretraining("small-vgg"), torch.device("cpu")))
+    assert method.encoder is not None
+    before = method.encoder.trunk.state_dict()
+    first = next(iter(before))
+    random = before[first].clone()
+    origin = begin_trunk(method, None)
+    assert origin.trunk_pretrained and origin.trunk == "vgg16"
+    assert not torch.equal(method.encoder.trunk.state_dict()[first], random)
 
 
 @pytest.mark.parametrize("name", ["humannerf", "neuralbody"])

@@ -15,7 +15,7 @@ def test_the_mean_under_a_convention(evaluation: Evaluation) -> None:
 
 def test_a_convention_that_was_not_evaluated_is_a_sentence(evaluation: Evaluation) -> None:
     one = dataclasses.replace(evaluation, means=(MeanRow("paper", 27.7, 0.95, None),))
-    with pytest.raises(UserError, match="actor eve has no convention 'strict', only paper: evalua"):
+    with pytest.raises(UserError, match=r"no figures under the convention strict \(it has paper\)"):
         one.mean("strict")
 
 

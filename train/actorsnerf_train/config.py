@@ -48,7 +48,8 @@ every gradient within 2e-5 of the whole one (relative L2; 1e-6 gives 1e-4 and is
 
 BASELINE_RATE_SCALE = 2.0
 """Of `small`, times ActorsNeRF's rates: the best for both baselines of those at which they do not
-collapse, by LPIPS after 250 steps on an actor of no other run (benchmarks/results/tuning.md)."""
+collapse, by LPIPS after 250 steps on an actor of no other run. Neural Body was a little better at 4
+there, but collapsed on an actor of the study (benchmarks/results/tuning.md)."""
 
 
 @dataclass(frozen=True)

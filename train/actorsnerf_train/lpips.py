@@ -136,7 +136,7 @@ class Lpips(nn.Module):
 
 
 def between(
-    lpips: Lpips,
+    lpips: nn.Module,
     prediction: Float[Tensor, "height width 3"],
     target: Float[Tensor, "height width 3"],
 ) -> Float[Tensor, ""]:
