@@ -1,5 +1,13 @@
-from actorsnerf_train.report.contestants import chosen_points
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.report.contestants import chosen_points, refuse_strangers, shows
 from actorsnerf_train.report.points import POINTS
+from actorsnerf_train.trained import load_actor
 
 
 def test_points_can_be_chosen() -> None:
@@ -10,3 +18,13 @@ def test_points_can_be_chosen() -> None:
         "exact",
         "fast",
     ]
+
+
+def test_a_baked_file_goes_with_its_checkpoint_not_with_the_persons_name(fewshot_run: Path) -> None:
+    fitted = load_actor(fewshot_run, torch.device("cpu"))
+    other = replace(fitted, info=replace(fitted.info, tensors_sha256="0" * 64))
+    assert shows(fitted, fitted)
+    assert not shows(other, fitted)
+    refuse_strangers([other, fitted], [fitted])
+    with pytest.raises(UserError, match=f"shows {fitted.actor} as another checkpoint than"):
+        refuse_strangers([other], [fitted])
