@@ -169,3 +169,9 @@ def load_trained(source: Path, device: torch.device) -> TrainedActor[Any]:
 def with_samples(options: RenderOptions, samples: int | None) -> RenderOptions:
     """The options with another number of samples per ray, where one is given."""
     return options if samples is None else replace(options, samples=samples)
+
+
+def resampled(trained: TrainedActor[ActorState], samples: int | None) -> TrainedActor[ActorState]:
+    """The actor drawn with another number of samples per ray, where one is given."""
+    render = with_samples(trained.config.render, samples)
+    return replace(trained, config=replace(trained.config, render=render))

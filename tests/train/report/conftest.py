@@ -116,6 +116,7 @@ def report() -> SpeedReport:
         method="actorsnerf",
         preset="tiny",
         step=7,
+        samples_per_ray=8,
         size=(80, 60),
         body_share=0.125,
         frames=("camera1, frame 4",),

@@ -32,6 +32,7 @@ def options(fewshot_run: Path, people: "People", tmp_path: Path) -> ReportOption
         (people.ann, people.eve),
         tmp_path / "report",
         points=("half-samples",),
+        samples=12,
         frames=1,
         rounds=1,
         reference_share=0.5,
@@ -53,6 +54,7 @@ def test_a_report_leaves_json_table_and_plot(options: ReportOptions) -> None:
     assert record["machine"]["threads"] >= 1 and record["gemm"]["float32"] > 0
     (actor,) = record["actors"]
     assert actor["actor"] == "eve" and actor["preset"] == "tiny" and actor["size"] == [80, 80]
+    assert actor["samples_per_ray"] == 12
     names = [row["name"] for row in actor["points"]]
     assert names == ["reference", "complete", "exact", "half-samples"]
     assert actor["points"][2]["reference_largest"] <= 1 / 255

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 def test_a_frame_takes_some_memory_in_a_process_of_its_own(
     fewshot_run: Path, people: "People"
 ) -> None:
-    job = MemoryJob(fewshot_run, people.eve, named_point("exact"), Effort(1, 1.0, 0), 1, "cpu")
+    effort = Effort(1, 1.0, 0)
+    job = MemoryJob(fewshot_run, people.eve, named_point("exact"), 12, effort, 1, "cpu")
     (found,) = peak_memory([job])
     assert found is not None and 0.1 < found < 4000

@@ -38,7 +38,7 @@ from actorsnerf_train.report.rows import (
 from actorsnerf_train.report.scaling import part_rows, scaling_rows
 from actorsnerf_train.report.table import PLOT_NAME, summary, write_tables
 from actorsnerf_train.report.training import training_rows
-from actorsnerf_train.trained import TrainedActor, load_baked, load_trained
+from actorsnerf_train.trained import TrainedActor, load_baked, load_trained, resampled
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,8 @@ class ReportOptions:
     """Cameras, evenly spread over the protocol's evaluation cameras."""
     rounds: int = 5
     """How often each point is timed."""
+    samples: int | None = None
+    """Per ray; those of the fitting if left out."""
     reference_share: float = 0.05
     """Of the rays in the body's box, that the reference draws; 1 draws whole pictures."""
     baked: tuple[Path, ...] = ()
@@ -139,7 +141,7 @@ def _check(options: ReportOptions) -> None:
 
 
 def _subject(checkpoint: Path, options: ReportOptions, device: torch.device) -> _Subject:
-    trained = load_trained(checkpoint, device)
+    trained = resampled(load_trained(checkpoint, device), options.samples)
     path = file_of(trained.actor, options.data, checkpoint)
     with SequenceFile(path) as file:
         frames = report_frames(trained, file, options.frames, options.cameras)
@@ -176,6 +178,7 @@ def _actor_report(
         preset=trained.config.preset,
         step=trained.info.step,
         size=frames[0].camera.size,
+        samples_per_ray=trained.config.render.samples,
         body_share=sum(float(frame.mask.float().mean()) for frame in frames) / len(frames),
         frames=tuple(frame.name for frame in frames),
         reference_pixels=_reference_pixels(measured[0]),
@@ -205,7 +208,15 @@ def _memory(
     threads = torch.get_num_threads()
     return peak_memory(
         [
-            MemoryJob(one.actor.path, subject.data, point, effort, threads, options.device)
+            MemoryJob(
+                one.actor.path,
+                subject.data,
+                point,
+                None if point is None else options.samples,
+                effort,
+                threads,
+                options.device,
+            )
             for one, point in zip(drawing, asked, strict=True)
         ]
     )

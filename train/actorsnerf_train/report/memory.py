@@ -16,7 +16,7 @@ from actorsnerf_train.report.contestants import contestant_of
 from actorsnerf_train.report.frames import report_frames
 from actorsnerf_train.report.measure import Effort, draw
 from actorsnerf_train.report.points import OperatingPoint
-from actorsnerf_train.trained import load_actor
+from actorsnerf_train.trained import load_actor, resampled
 
 STATUS = Path("/proc/self/status")
 REFERENCES = Path("/proc/self/clear_refs")
@@ -33,6 +33,8 @@ class MemoryJob:
     data: Path
     point: OperatingPoint | None
     """None: as a baked file draws it."""
+    samples: int | None
+    """Per ray; None: the actor's own."""
     effort: Effort
     threads: int
     device: str
@@ -56,7 +58,7 @@ def frame_memory(job: MemoryJob) -> float | None:
     """What `peak_memory` runs in the other process."""
     torch.set_num_threads(job.threads)
     device = torch.device(job.device)
-    trained = load_actor(job.source, device)
+    trained = resampled(load_actor(job.source, device), job.samples)
     with SequenceFile(job.data) as file:
         frame = report_frames(trained, file, 1, 1)[0]
     contestant = contestant_of(trained, job.point)

@@ -128,6 +128,7 @@ class ActorReport:
     step: int
     size: tuple[int, int]
     """Width, height of the pictures."""
+    samples_per_ray: int
     body_share: float
     """Of the picture, that the person covers, mean."""
     frames: tuple[str, ...]

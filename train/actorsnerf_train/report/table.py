@@ -78,10 +78,11 @@ def _actor(actor: ActorReport) -> list[str]:
     return [
         f"## {actor.actor}: {actor.method}, {actor.preset} sizes, step {actor.step}",
         "",
-        f"{len(actor.frames)} pictures of {width}x{height} ({'; '.join(actor.frames)}), the person "
-        f"over {100 * actor.body_share:.1f} % of them; {actor.reference_pixels} pixels drawn by "
-        f"the reference. The actor: mean opacity {actor.health.alpha_inside:.3f} on the person's "
-        f"pixels, {actor.health.psnr:.2f} dB to the true pictures in the box.",
+        f"{len(actor.frames)} pictures of {width}x{height} ({'; '.join(actor.frames)}), "
+        f"{actor.samples_per_ray} samples a ray, the person over {100 * actor.body_share:.1f} % of "
+        f"the pixels; {actor.reference_pixels} pixels drawn by the reference. The actor: mean "
+        f"opacity {actor.health.alpha_inside:.3f} on the person's pixels, {actor.health.psnr:.2f} "
+        "dB to the true pictures in the box.",
         "",
         *_points(actor.points),
         "",
