@@ -42,8 +42,9 @@ of no actor after 1,250 steps (measured on synthetic actors)."""
 
 
 LEAST_LEARNED = 1e-7
-"""Share of a pixel below which a training leaves a sample out: about half the time of a step, and
-every gradient within 2e-5 of the whole one (relative L2; 1e-6 gives 1e-4 and is no faster)."""
+"""Share of a pixel below which a training leaves a sample out: nearly half the time of an opaque
+actor's step (a tenth more of a hazy one's), and every gradient within 6e-5 of the whole one
+(relative L2, benchmarks/results/report; 1e-6 gives 1e-4 and is no faster)."""
 
 
 BASELINE_RATE_SCALE = 2.0
