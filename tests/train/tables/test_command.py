@@ -93,6 +93,15 @@ def test_a_row_with_fewer_seeds_says_so(write: "WriteResult", tmp_path: Path) ->
     assert text.count("Missing seeds") == 1
 
 
+def test_a_row_of_several_categories_says_so(write: "WriteResult", tmp_path: Path) -> None:
+    """A recorded study may be continued on another machine, whose category is another."""
+    write((25.0, 0.9, 50.0))
+    write((26.0, 0.9, 45.0), setting="fewshot-10", pretrained_from="e" * 64)
+    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
+    text = (tmp_path / "out" / "table_box.md").read_text()
+    assert "**Several category trainings** (2) are behind ActorsNeRF" in text
+
+
 def test_times_of_several_machines_are_told_apart(write: "WriteResult", tmp_path: Path) -> None:
     write((25.0, 0.9, 50.0), machine={"processor": "abacus", "device": "cpu"})
     write((24.0, 0.9, 60.0), method="humannerf", machine={"processor": "slate", "device": "cpu"})

@@ -61,7 +61,6 @@ def test_nothing_to_gather(tmp_path: Path) -> None:
             {"configuration": to_json_object(replace(tuned(), precision="bfloat16"))},
             r"\(precision is 'float32' there, 'bfloat16' here\)",
         ),
-        ({"pretrained_from": "e" * 64}, r"\(category is 'f+' there, 'e+' here\)"),
         ({"render_options": {"samples": 4}}, r"\(rendering/samples is 8 there, 4 here\)"),
     ],
 )

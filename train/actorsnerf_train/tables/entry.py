@@ -118,7 +118,6 @@ def way_to_learn(result: Evaluation, where: Path) -> dict[str, Json]:
         assert isinstance(part, dict)
         way[key] = {name: value for name, value in part.items() if name not in names}
     return way | {
-        "category": result.pretrained_from,
         "rendering": dict(result.render_options),
         "baked": None if result.baked is None else result.baked.get("options"),
     }

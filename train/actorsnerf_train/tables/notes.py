@@ -21,7 +21,7 @@ def table_notes(entries: Sequence[Entry], table: Table) -> tuple[str, ...]:
     if parts:
         sizes = ", ".join(f"{frames} frames x {cameras} cameras" for frames, cameras in parts)
         notes.append(f"Only part of the protocol was evaluated: {sizes}.")
-    notes += _absences(table)
+    notes += [*_absences(table), *_categories(entries)]
     uneven = [row for row in table.rows if len(row.steps) > 1]
     if uneven or len({row.steps for row in table.rows}) > 1:
         notes.append("**Not at equal steps**: see the column.")
@@ -50,6 +50,19 @@ def _absences(table: Table) -> list[str]:
         if few:
             notes.append(f"**Missing seeds** (of {most}): {name} has of {', '.join(few)}.")
     return notes
+
+
+def _categories(entries: Sequence[Entry]) -> list[str]:
+    """Which rows began from more than one category training."""
+    known: dict[str, set[str | None]] = {}
+    for entry in entries:
+        known.setdefault(entry.label, set()).add(entry.result.pretrained_from)
+    return [
+        f"**Several category trainings** ({len(digests)}) are behind {label}: their chance is in "
+        "its spread, or in the difference of its settings."
+        for label, digests in known.items()
+        if len(digests) > 1
+    ]
 
 
 def collapses(out: Path) -> list[str]:
