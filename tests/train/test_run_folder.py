@@ -33,7 +33,7 @@ def test_a_process_that_does_not_lead_writes_nothing(folder: RunFolder) -> None:
 def test_another_run_is_refused(folder: RunFolder) -> None:
     folder.open(write=True)
     other = replace(folder, config=replace(folder.config, seed=5))
-    with pytest.raises(UserError, match=r"another run \(configuration/seed is 0 there, 5 asked\)"):
+    with pytest.raises(UserError, match=r"another run \(configuration/seed is 0 there, 5 here\)"):
         other.open(write=True)
     other = replace(folder, data=(DataFile("a/x.h5", "walk", "ann", "cd"),))
     with pytest.raises(UserError, match="choose another --run"):

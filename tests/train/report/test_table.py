@@ -18,7 +18,7 @@ def test_the_table_says_what_was_measured(report: SpeedReport) -> None:
     text = markdown(report)
     assert "a processor (cpu), 1 of 2 cores" in text and "100 GFLOP/s float32" in text
     assert "The reference drew 5 % of the rays" in text
-    assert "the person over 12.5 % of them; 77 pixels drawn by the reference" in text
+    assert "8 samples a ray, the person over 12.5 % of the pixels; 77 pixels drawn by the" in text
     assert "mean opacity 0.970 on the person's pixels, 24.50 dB" in text
     line = next(line for line in text.splitlines() if line.startswith("| `fast`"))
     cells = [cell.strip() for cell in line.strip("|").split("|")]

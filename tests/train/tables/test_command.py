@@ -72,44 +72,6 @@ def test_curves_parts_and_pictures_become_files(write: "WriteResult", tmp_path: 
     assert "table_time.md" in (tmp_path / "out" / "table_box.md").read_text()
 
 
-def test_a_row_that_lacks_an_actor_says_so(write: "WriteResult", tmp_path: Path) -> None:
-    write((25.0, 0.9, 50.0))
-    write((25.0, 0.9, 50.0), actor="zoe")
-    write((24.0, 0.9, 60.0), method="humannerf")
-    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
-    text = (tmp_path / "out" / "table_box.md").read_text()
-    assert "**Missing actors**: HumanNeRF, fewshot-5 (official list) has no result of zoe." in text
-    assert text.count("Missing actors") == 1
-
-
-def test_a_row_with_fewer_seeds_says_so(write: "WriteResult", tmp_path: Path) -> None:
-    for seed in (0, 1):
-        write((25.0, 0.9, 50.0), seed=seed)
-    write((24.0, 0.9, 60.0), method="humannerf")
-    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
-    text = (tmp_path / "out" / "table_box.md").read_text()
-    said = "**Missing seeds** (of 2): HumanNeRF, fewshot-5 (official list) has of eve 1, mean 1."
-    assert said in text
-    assert text.count("Missing seeds") == 1
-
-
-def test_a_row_of_several_categories_says_so(write: "WriteResult", tmp_path: Path) -> None:
-    """A recorded study may be continued on another machine, whose category is another."""
-    write((25.0, 0.9, 50.0))
-    write((26.0, 0.9, 45.0), setting="fewshot-10", pretrained_from="e" * 64)
-    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
-    text = (tmp_path / "out" / "table_box.md").read_text()
-    assert "**Several category trainings** (2) are behind ActorsNeRF" in text
-
-
-def test_times_of_several_machines_are_told_apart(write: "WriteResult", tmp_path: Path) -> None:
-    write((25.0, 0.9, 50.0), machine={"processor": "abacus", "device": "cpu"})
-    write((24.0, 0.9, 60.0), method="humannerf", machine={"processor": "slate", "device": "cpu"})
-    run_tables(TablesOptions(tmp_path / "out", results=(tmp_path / "results",)))
-    text = (tmp_path / "out" / "table_box.md").read_text()
-    assert "**Times of several machines.** Machines: abacus (cpu), slate (cpu)." in text
-
-
 def test_what_is_missing_is_made_and_nothing_twice(
     people: "People", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
