@@ -1,4 +1,4 @@
-"""How much is computed at once: on a CPU what its cache holds, elsewhere much more."""
+"""How many points are computed together: on a CPU what its cache holds, elsewhere much more."""
 
 import torch
 
@@ -7,7 +7,7 @@ TIMES_OFF_CPU = 16
 
 
 def at_once(on_cpu: int, device: torch.device) -> int:
-    """How many points, or rays, of a piece.
+    """How many points a piece has.
 
     >>> at_once(8192, torch.device("cpu")), at_once(8192, torch.device("cuda"))
     (8192, 131072)

@@ -283,9 +283,9 @@ def _painted(
         moved = replace(located, canonical=canonical, likelihood=likelihood)
         field = scene.method.field(scene.actor, scene.pose, moved)
         thickness = optical_depth(field.density.to(spacing.dtype), spacing, masked)
-        share = shares_so_far(thickness.detach(), ray)
         if scene.options.least_weight >= 1:  # no share is greater
             return thickness.new_zeros(ray.shape[0], 3), thickness, 0
+        share = shares_so_far(thickness.detach(), ray)
         seen = (share > scene.options.least_weight).nonzero()[:, 0]
         if seen.shape[0] == ray.shape[0]:
             return field.rgb.to(spacing.dtype), thickness, seen.shape[0]

@@ -61,6 +61,11 @@ def test_short_official_runs_have_the_official_sizes() -> None:
     assert sizes[0] == sizes[1] == (256, 256)
 
 
+def test_a_step_of_official_is_a_count_from_scratch_too() -> None:
+    for config in (pretraining("official"), from_scratch(fewshot("official"))):
+        assert config.schedule.last_count - config.schedule.first_count == config.schedule.steps
+
+
 def test_from_scratch_everything_learns_from_count_zero() -> None:
     config = from_scratch(fewshot("small"))
     assert config.schedule.steps == fewshot("small").schedule.steps

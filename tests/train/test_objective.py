@@ -40,6 +40,16 @@ def outcome_of(training: Training, sample: Sample, known: KnownActor, window: fl
     return outcome
 
 
+def of_no_density(training: Training) -> Objective:
+    """The squared error of an actor that cannot be seen."""
+    method = actorsnerf(training.method)
+    with torch.no_grad():
+        method.radiance.density_out.weight.zero_()
+        method.radiance.density_out.bias.fill_(-1e4)
+    options = training.folder.config.render
+    return Objective(method, training.perceptual, LossWeights(0.0, 1.0, 0.0), options)
+
+
 def test_every_part_that_is_used_gets_a_gradient(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
@@ -83,12 +93,7 @@ def test_opacity_is_told_on_and_beside_the_person(
 def test_an_actor_of_no_density_costs_the_pictures_square(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
-    method = actorsnerf(training.method)
-    with torch.no_grad():
-        method.radiance.density_out.weight.zero_()
-        method.radiance.density_out.bias.fill_(-1e4)
-    config = training.folder.config
-    objective = Objective(method, training.perceptual, LossWeights(0.0, 1.0, 0.0), config.render)
+    objective = of_no_density(training)
     outcome: Outcome = objective(sample, known, 0.0, jitter_generator(0, 0, CPU))
     truth = at_pixels(on_background(sample.target, (0.0, 0.0, 0.0)), sample.patches)
     assert outcome.losses.total.item() == pytest.approx(truth.square().mean().item(), rel=1e-5)
@@ -99,12 +104,7 @@ def test_a_background_lies_behind_the_person_in_both_pictures(
     training: Training, sample: Sample, known: KnownActor
 ) -> None:
     """An actor of no density is right beside the person, whatever the colour, and wrong on it."""
-    method = actorsnerf(training.method)
-    with torch.no_grad():
-        method.radiance.density_out.weight.zero_()
-        method.radiance.density_out.bias.fill_(-1e4)
-    config = training.folder.config
-    objective = Objective(method, training.perceptual, LossWeights(0.0, 1.0, 0.0), config.render)
+    objective = of_no_density(training)
     red = (0.9, 0.1, 0.2)
     outcome: Outcome = objective(sample, known, 0.0, jitter_generator(0, 0, CPU), red)
     alpha = at_pixels(sample.target.alpha, sample.patches)[..., None]

@@ -1,7 +1,9 @@
+import pytest
 import torch
 from torch import nn
 
 from actorsnerf_model.actorsnerf import ActorsNeRF
+from actorsnerf_train.report import measure
 from actorsnerf_train.report.frames import Frame
 from actorsnerf_train.report.measure import (
     CHUNKS,
@@ -47,6 +49,16 @@ def test_work_of_a_share_is_scaled_to_the_frame(
     whole = measured[0].drawn[0]
     assert whole.pixels is not None and whole.pixels.shape[0] == box
     assert abs(measured[0].drawn[0].rendering.counts.rays - box) <= 0.01 * box
+
+
+def test_only_the_rays_time_is_scaled_to_the_frame(
+    contestants: list[Contestant], frames: tuple[Frame, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pose is needed once, however many rays are drawn: 1 s, and 2 s for a quarter of them."""
+    clock = iter([10.0, 11.0, 13.0])
+    monkeypatch.setattr(measure, "now", lambda device: next(clock))
+    seconds = measure._seconds(contestants[0], frames[0], Effort(1, 0.25, 0))
+    assert seconds == pytest.approx(1 + 4 * 2, rel=0.02)
 
 
 def test_shares_lie_in_the_box_and_follow_the_seed(frames: tuple[Frame, ...]) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from scipy.stats import t as student_t
+
 from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.metrics import ConventionName
 from actorsnerf_train.tables.entry import METHODS, PARTS, Entry
@@ -16,8 +18,6 @@ WITHOUT = {part: f"{WHOLE}, no {part}" for part in PARTS.values()} | {
     "category training": f"{WHOLE}, from scratch"
 }
 """Label of the row without each part."""
-STUDENT = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26)
-"""97.5 % quantiles of Student's t for 1, 2, ... degrees of freedom; the last for all beyond."""
 LEAST_PAIRS = 3
 """Under so many, a spread says next to nothing."""
 
@@ -45,7 +45,7 @@ class PartGain:
         """Whether the gain, or loss, stands out of the spread over pairs (t-test, 5 %)."""
         if self.gain.spread is None:
             return False
-        quantile = STUDENT[min(self.pairs - 1, len(STUDENT)) - 1]
+        quantile = float(student_t.ppf(0.975, self.pairs - 1))
         return abs(self.gain.value) > quantile * self.gain.spread / math.sqrt(self.pairs)
 
 
