@@ -121,7 +121,7 @@ class Radiance(nn.Module):
         width, first = self.config.width, self.colour_1
         shared = F.linear(features.position, first.weight[:, width:], first.bias)
         joined = F.linear(self._joined(self.colour_0, features), first.weight[:, :width])
-        per_view = F.relu_(joined + shared[:, None])
+        per_view = F.relu_(joined.add_(shared[:, None]))
         hidden = F.relu_(self.colour_2(per_view.mean(dim=1)))
         raw = self.colour_out(F.relu_(self.colour_3(hidden)))
         return torch.sigmoid(raw.to(features.position.dtype))
@@ -137,7 +137,7 @@ class Radiance(nn.Module):
         if features.body is not None:
             total = F.linear(features.body, layer.weight[:, :code], layer.bias)[:, None]
         if features.seen is not None:
-            total = F.linear(features.seen, layer.weight[:, -code:]) + total
+            total = F.linear(features.seen, layer.weight[:, -code:]).add_(total)
         return F.relu_(total)
 
 

@@ -49,7 +49,10 @@ RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
 POINTS_AT_ONCE = 65536
 """Points that are located together, on a CPU."""
-STRIDE = 8
+LOOKED_AT_ONCE = 4096
+"""Points through the networks at once where no gradient is wanted, on a CPU: their hidden layers
+stay in its cache. A gradient wants few large pieces, because each makes one of whole tables."""
+STRIDE = 4
 """Survivors of a ray that go through the networks before its light is measured again."""
 
 INSIDE = 0.5
@@ -248,8 +251,11 @@ def _through_field(scene: _Scene[ActorState], samples: _Samples, located: Locate
     ray = located.index // samples.depths.shape[1]
     spacing = samples.spacing.reshape(-1)[located.index]
     rgb, thickness, count = [], [], 0
-    for first in range(0, located.index.shape[0], options.chunk):
-        part = slice(first, first + options.chunk)
+    chunk = options.chunk
+    if not torch.is_grad_enabled():
+        chunk = min(chunk, at_once(LOOKED_AT_ONCE, ray.device))
+    for first in range(0, located.index.shape[0], chunk):
+        part = slice(first, first + chunk)
         some = _chosen(located, part)
         masked = None if likelihood is None else likelihood[part]
         painted = _painted(scene, some, (ray[part], spacing[part], masked), first >= options.kept)

@@ -51,6 +51,26 @@ def test_only_empty_points_are_left_out(
     assert torch.equal(every.canonical[~dropped], kept.canonical)
 
 
+def test_a_poses_cells_leave_out_only_what_nothing_fills(
+    scene: "ToyScene", support_views: "Callable[..., tuple[View, ...]]"
+) -> None:
+    method = SkipEmpty(scene.method)
+    views = support_views(2)
+    with torch.no_grad():
+        actor = method.filled(scene.actor, views)
+        coarse = scene.method.pose_state(scene.actor, scene.pose.pose, views[0].rest_joints)
+        pose = method.pose_state(actor, scene.pose.pose, views[0].rest_joints)
+        plain = render(scene.method, scene.actor, coarse, scene.camera, OPTIONS)
+        found = render(method, actor, pose, scene.camera, OPTIONS)
+    assert coarse.occupancy is not None and pose.occupancy is not None
+    assert torch.equal(pose.occupancy.box, coarse.occupancy.box)
+    share, all_of_it = pose.occupancy.cells.float().mean(), coarse.occupancy.cells.float().mean()
+    assert 0.1 * all_of_it < share < 0.8 * all_of_it
+    assert found.counts.rays < plain.counts.rays
+    assert plain.alpha.mean() > 0.03
+    assert (found.rgb - plain.rgb).abs().max() <= 1 / 255
+
+
 def test_an_actor_made_of_supports_is_the_same(
     scene: "ToyScene", support_views: "Callable[..., tuple[View, ...]]"
 ) -> None:

@@ -97,7 +97,7 @@ POINTS: tuple[OperatingPoint, ...] = (
         stop=1e-2,
         least_weight=1e-4,
         precision="bfloat16",
-        pixel_tolerance=0.1,
+        pixel_tolerance=0.02,
         skip_empty=True,
     ),
     OperatingPoint(
