@@ -112,9 +112,7 @@ class SkipEmpty(Generic[ActorState]):
         needed = REACH * occupancy.threshold
         holds = torch.zeros_like(asked)
         for some in torch.split(nodes, at_once(POINTS_AT_ONCE, nodes.device)):
-            located = self.method.locate(
-                actor.actor, pose, occupancy.box[0] + edge * some, needed
-            )
+            located = self.method.locate(actor.actor, pose, occupancy.box[0] + edge * some, needed)
             full = may_hold(actor.cells, located.canonical)
             x, y, z = some[located.index[full]].unbind(-1)
             holds[x, y, z] = True

@@ -36,6 +36,17 @@ def without_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(evaluation_module, "load_lpips", nothing)
 
 
+def test_pictures_are_compared_where_the_network_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Anywhere(torch.nn.Module):
+        def forward(self, prediction: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+            return (prediction - target).sum()[None]
+
+    monkeypatch.setattr(evaluation_module, "load_lpips", lambda _: Anywhere())
+    lpips = evaluation_module.published_lpips(LpipsFiles(), torch.device("meta"))
+    assert lpips is not None
+    assert lpips(torch.zeros(4, 4, 3), torch.ones(4, 4, 3)).device.type == "meta"
+
+
 @pytest.fixture
 def trained(fewshot_run: Path) -> TrainedActor[ActorsNeRFState]:
     return load_trained(fewshot_run, torch.device("cpu"))
