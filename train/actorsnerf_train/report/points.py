@@ -95,7 +95,7 @@ POINTS: tuple[OperatingPoint, ...] = (
         "fast",
         "skips empty cells, pixels by need, stop at 1 %, bfloat16",
         stop=1e-2,
-        least_weight=1e-4,
+        least_weight=1e-3,
         precision="bfloat16",
         pixel_tolerance=0.02,
         skip_empty=True,
