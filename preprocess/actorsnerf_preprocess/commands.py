@@ -24,7 +24,10 @@ class Reading:
     sequences: tuple[str, ...] = ()
     """Only these sequences; all by default. `actorsnerf-30` names the paper's AIST++ sequences."""
     masks: Path | None = None
-    """A folder of your own masks, preferred over those of the source."""
+    """A folder of your own masks, preferred over those of the source: pictures with the person's
+    share as grey levels (0 and 1, or 0 to 255; 16 bits too) or as alpha channel, soft edges kept;
+    in coloured ones without alpha, not zero is the person. ZJU-MoCap: named as the pictures, but
+    .png or .jpg; AIST++: `<video or camera>/<frame>.png`, or one video per camera."""
     segmenter: Path | None = None
     """Your own network (.onnx or TorchScript) that makes the masks of AIST++'s videos where none
     are given: 1x3xHxW RGB in [0, 1] to 1x1xHxW shares in [0, 1]. Left out: made without one."""

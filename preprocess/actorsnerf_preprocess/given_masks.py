@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from actorsnerf_datasets.types import UInt8
 from actorsnerf_preprocess.aist_video import picture_per_frame
+from actorsnerf_preprocess.mask_files import given_mask
 from actorsnerf_preprocess.source import Absent
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff")
@@ -36,27 +36,26 @@ class GivenMasks:
     def read_each(self, frames: Sequence[int]) -> Iterator[UInt8 | Absent | None]:
         """The mask of each frame (ascending), (H, W) 0 to 255; None where none is given.
 
-        Masks of 0 and 1 are scaled up; of several channels the alpha counts if there is one, else
-        the brightest.
+        Pictures are read as `given_mask` says; of a video the brightest channel counts.
         """
         if self.video is not None:
             for picture in picture_per_frame(self.video, frames):
-                yield None if picture is None else self._checked(picture.max(2), self.video)
+                yield None if picture is None else self._checked(_shares(picture), self.video)
             return
         for frame in frames:
             path = self.pictures.get(frame)
             yield None if path is None else self._checked(_read(path), path)
 
-    def _checked(self, mask: UInt8 | None, where: Path) -> UInt8 | Absent:
-        if mask is None:
-            return Absent(str(where), "not a readable picture")
+    def _checked(self, mask: UInt8 | Absent, where: Path) -> UInt8 | Absent:
+        if isinstance(mask, Absent):
+            return mask
         if mask.shape[::-1] != self.size:
             height, width = mask.shape
             return Absent(
                 str(where),
                 f"mask of {width} x {height} instead of {self.size[0]} x {self.size[1]}",
             )
-        return np.where(mask > 0, np.uint8(255), np.uint8(0)) if mask.max() == 1 else mask
+        return mask
 
 
 def find_given_masks(
@@ -89,13 +88,15 @@ def find_given_masks(
     return None
 
 
-def _read(path: Path) -> UInt8 | None:
-    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        return None
-    if picture.dtype == np.uint16:
-        picture = (picture // 257).astype(np.uint8)
-    if picture.ndim == 2:
-        return np.asarray(picture, np.uint8)
-    has_alpha = picture.shape[2] == 4 and picture[..., 3].min() < 255
-    return np.asarray(picture[..., 3] if has_alpha else picture[..., :3].max(2), np.uint8)
+def _shares(picture: UInt8) -> UInt8:
+    """The mask in a video's picture."""
+    mask: UInt8 = picture.max(2)
+    return np.where(mask > 0, np.uint8(255), np.uint8(0)) if mask.max() == 1 else mask
+
+
+def _read(path: Path) -> UInt8 | Absent:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        return Absent(str(path), f"cannot be read ({error.strerror})")
+    return given_mask(content, str(path))

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 
 from actorsnerf_datasets.types import UInt8
+from actorsnerf_preprocess.mask_files import given_mask, person_mask
 from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture
 
 READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 """Pixels as stored: a camera's K knows nothing of the orientation that a viewer would apply."""
-JPEG_MASK_THRESHOLD = 127
-"""Masks stored as JPEG are 0 and 255 plus compression noise; in all others, not 0 is person."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +22,12 @@ class PictureFiles:
 
     image: str
     masks: tuple[str, ...]
+    given: bool = False
+    """The masks are the user's and hold shares (`given_mask`); else what is not zero counts."""
 
 
 class ImageReader:
-    """Reads image files; the person is where any of a picture's masks is not zero."""
+    """Reads image files; of a picture's masks, each pixel's largest counts."""
 
     frames_per_task = 16
 
@@ -63,7 +64,7 @@ class ImageReader:
         digest = hashlib.sha256()
         for content in contents:
             digest.update(content)
-        mask = self._mask(camera_index, paths, contents)
+        mask = self._mask((camera_index, frame_index), paths, contents)
         return mask if isinstance(mask, Absent) else MaskProbe(mask, digest.hexdigest())
 
     def read_many(
@@ -77,7 +78,7 @@ class ImageReader:
                 yield contents
                 continue
             picture = self._picture(camera_index, paths[0], contents[0])
-            mask = self._mask(camera_index, paths, contents)
+            mask = self._mask((camera_index, frame_index), paths, contents)
             if isinstance(picture, Absent):
                 yield picture
             elif isinstance(mask, Absent):
@@ -107,36 +108,25 @@ class ImageReader:
         return RawPicture(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), None)
 
     def _mask(
-        self, camera_index: int, paths: Sequence[Path], contents: list[bytes]
+        self, pair: tuple[int, int], paths: Sequence[Path], contents: list[bytes]
     ) -> UInt8 | Absent | None:
-        size = self._sizes[camera_index]
+        size = self._sizes[pair[0]]
+        given = self._files[pair].given
         union: UInt8 | None = None
         for path, content in zip(paths[1:], contents[1:], strict=True):
-            mask = person_mask(content)
+            mask = given_mask(content, str(path)) if given else person_mask(content)
             if mask is None:
                 return Absent(str(path), "not a readable mask")
+            if isinstance(mask, Absent):
+                return mask
             found = (mask.shape[1], mask.shape[0])
             if found != size:
                 if found[0] * size[1] != found[1] * size[0]:
                     return Absent(str(path), f"mask of {_by(found)} for a picture of {_by(size)}")
-                mask = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+                method = cv2.INTER_AREA if given else cv2.INTER_NEAREST
+                mask = np.asarray(cv2.resize(mask, size, interpolation=method), np.uint8)
             union = mask if union is None else np.asarray(cv2.max(union, mask), np.uint8)
         return union
-
-
-def person_mask(content: bytes) -> UInt8 | None:
-    """The mask in the bytes of an image file: (H, W), 255 on the person, 0 elsewhere.
-
-    Labels, palettes and colours alike: what is not zero in any channel is the person. None if the
-    bytes are no image.
-    """
-    mask = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if mask is None:
-        return None
-    if mask.ndim == 3:
-        mask = mask[..., :3].max(axis=2)
-    threshold = JPEG_MASK_THRESHOLD if content[:2] == b"\xff\xd8" else 0
-    return np.asarray(cv2.threshold(mask, threshold, 255, cv2.THRESH_BINARY)[1], np.uint8)
 
 
 def picture_size(path: Path) -> tuple[int, int] | None:

@@ -34,8 +34,9 @@ class ZjuInspection:
     def picture_files(self, camera: int, position: int) -> PictureFiles:
         """Where the picture of a camera and a position in `tree.frames` is."""
         pair = (camera, position)
-        masks = [s.files[pair] for s in self.tree.mask_sets if pair in s.files]
-        return PictureFiles(self.tree.pictures[pair], tuple(masks))
+        sets = [s for s in self.tree.mask_sets if pair in s.files]
+        masks = tuple(s.files[pair] for s in sets)
+        return PictureFiles(self.tree.pictures[pair], masks, any(s.given for s in sets))
 
 
 def inspect_zju(found: Found, options: OpenOptions) -> ZjuInspection:
@@ -95,6 +96,8 @@ def mask_source(sets: tuple[MaskSet, ...]) -> str:
     if not sets:
         return ""
     names = ", ".join(s.name for s in sets)
+    if all(s.given for s in sets):
+        return f"given by the user ({names}); levels or alpha = the person's share"
     kind = f"union of the source folders {names}" if len(sets) > 1 else f"source folder {names}"
     return f"{kind}; not zero = person"
 

@@ -14,6 +14,8 @@ class MaskSet:
     """mask, mask_cihp, schp, or the user's folder."""
     files: dict[tuple[int, int], str]
     """(camera index, frame position) to the path; only files that exist."""
+    given: bool = False
+    """The user's own."""
 
 
 class Listing:
@@ -85,7 +87,7 @@ def user_masks(
             f"{base}: has no mask of this sequence; expected files such as {base / example}."
         )
     absolute = {pair: str((base / name).resolve()) for pair, name in found.files.items()}
-    return (MaskSet(str(masks), absolute),)
+    return (MaskSet(str(masks), absolute, given=True),)
 
 
 def lost_masks(root: Path, listing: Listing) -> list[Finding]:

@@ -5,13 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
-from actorsnerf_datasets.types import UInt8
-from actorsnerf_preprocess.image_files import ImageReader, PictureFiles, person_mask, picture_size
+from actorsnerf_preprocess.image_files import ImageReader, PictureFiles, picture_size
 from actorsnerf_preprocess.source import Absent, MaskProbe, RawPicture
-
-
-def png(image: UInt8) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 @pytest.fixture
@@ -51,30 +46,20 @@ def test_the_probe_reads_the_same_mask_and_digests_all_bytes(folder: Path) -> No
     assert np.array_equal(one.mask, picture.mask)
 
 
-@pytest.mark.parametrize(
-    ("mask", "expected"),
-    [
-        (np.array([[0, 1, 19]], np.uint8), [0, 255, 255]),
-        (np.array([[[0, 0, 0], [0, 0, 128], [85, 51, 0]]], np.uint8), [0, 255, 255]),
-        (np.array([[[0, 0, 0, 255], [9, 0, 0, 255]]], np.uint8), [0, 255]),
-        (np.array([[0, 300, 65535]], np.uint16), [0, 255, 255]),
-    ],
-)
-def test_labels_palettes_and_colours_are_person_where_not_zero(
-    mask: UInt8, expected: list[int]
-) -> None:
-    found = person_mask(png(mask))
-    assert found is not None
-    assert found[0].tolist() == expected
-
-
-def test_jpeg_noise_is_not_the_person() -> None:
-    mask = np.zeros((64, 64), np.uint8)
-    mask[16:48, 16:48] = 255
-    content = cv2.imencode(".jpg", mask, [cv2.IMWRITE_JPEG_QUALITY, 60])[1].tobytes()
-    found = person_mask(bytes(content))
-    assert found is not None
-    assert np.array_equal(found, mask)
+def test_masks_of_the_user_stay_soft(folder: Path) -> None:
+    mask = np.zeros((20, 30), np.uint8)
+    mask[:, :7] = [0, 1, 3, 40, 128, 250, 255]
+    cv2.imwrite(str(folder / "m.png"), mask)
+    files = PictureFiles("a.png", ("m.png",), given=True)
+    soft = ImageReader(folder, {(0, 0): files}, ((30, 20),))
+    probed = soft.probe(0, 0)
+    picture = next(soft.read_many(0, [0]))
+    assert isinstance(probed, MaskProbe) and isinstance(picture, RawPicture)
+    for found in (probed.mask, picture.mask):
+        assert found is not None and np.array_equal(found, mask)
+    cv2.imwrite(str(folder / "m.png"), mask // 20)
+    refused = soft.probe(0, 0)
+    assert isinstance(refused, Absent) and "labels of body parts" in refused.reason
 
 
 def test_a_mask_of_another_size_is_scaled_if_it_has_the_same_proportions(folder: Path) -> None:

@@ -43,6 +43,17 @@ def test_a_picture_has_all_its_masks(tmp_path: Path, write_zju: WriteTree) -> No
     assert sentences(seen)["mask"] == "1 of 2 pictures have no file here: Camera_B1 1."
 
 
+def test_masks_of_the_user_hold_shares(tmp_path: Path, write_zju: WriteTree) -> None:
+    tree = write_zju(tmp_path / "CoreView_377", cameras=1)
+    mine = tmp_path / "mine"
+    (tree.root / "mask_cihp").rename(mine)
+    seen = inspect_zju(find_zju(tree.root)[0], OpenOptions(masks=mine))
+    assert seen.picture_files(0, 0).given
+    assert not inspected(tree).picture_files(0, 0).given
+    source = dict(facts(seen))["masks"]
+    assert source == f"given by the user ({mine}); levels or alpha = the person's share"
+
+
 def test_missing_masks_are_an_error(tmp_path: Path, write_zju: WriteTree) -> None:
     tree = write_zju(tmp_path / "CoreView_377")
     (tree.root / "mask_cihp").rename(tree.root / "masks_somewhere")
