@@ -76,8 +76,13 @@ def read_tree(root: Path, masks: Path | None) -> ZjuTree:
     """
     annotations, annotation_file, notes = _annotations(root)
     listing = Listing(root)
-    listed = _listed_pictures(root, annotations, listing)
+    listed = annotations.pictures or _found_pictures(root, annotations, listing)
     camera_names = tuple(PurePosixPath(name).parent.name for name in listed[0])
+    if not annotations.pictures:
+        notes.append(
+            "No annotations list pictures: the folders belong to the cameras of "
+            f"{annotation_file.name} in the order of their numbers: {', '.join(camera_names)}."
+        )
     _check_names(annotation_file, listed, camera_names)
     variant = _variant(root, listed, listing)
     if variant == "renamed-21":
@@ -139,13 +144,12 @@ def _annotations(root: Path) -> tuple[Annotations, Path, list[str]]:
     return merged, present[0], ["Cameras are those of annots_new.npy, picture paths of annots.npy."]
 
 
-def _listed_pictures(
+def _found_pictures(
     root: Path, annotations: Annotations, listing: Listing
 ) -> tuple[tuple[str, ...], ...]:
-    if annotations.pictures:
-        return annotations.pictures
+    """The pictures on disk, where no annotations list them."""
     base = "images" if listing.names("images") else "."
-    folders = [f"{base}/{name}" for name in sorted(listing.names(base))]
+    folders = [f"{base}/{name}" for name in sorted(listing.names(base), key=_by_numbers)]
     folders = [folder for folder in folders if _pictures_in(listing.names(folder))]
     if len(folders) != len(annotations.K):
         raise SourceError(
@@ -154,7 +158,23 @@ def _listed_pictures(
             "archive beside it."
         )
     names = sorted(set.intersection(*(set(_pictures_in(listing.names(f))) for f in folders)))
+    if not names:
+        first = [f"{folder}/{min(_pictures_in(listing.names(folder)))}" for folder in folders[:2]]
+        raise SourceError(
+            f"{root}: annots.npy lists no pictures, and no file name is in all {len(folders)} "
+            f"folders of pictures ({', '.join(first)}), so it is unknown which belong together: "
+            "copy annots.npy of the original archive beside it."
+        )
     return tuple(tuple(f"{folder}/{name}" for folder in folders) for name in names)
+
+
+def _by_numbers(name: str) -> tuple[tuple[int, ...], str]:
+    """A sorting key: by the whole numbers in a name, and by the name where they are equal.
+
+    >>> sorted(["Camera_B10", "Camera_B2", "Camera_B1"], key=_by_numbers)
+    ['Camera_B1', 'Camera_B2', 'Camera_B10']
+    """
+    return tuple(int(number) for number in re.findall(r"\d+", name)), name
 
 
 def _pictures_in(names: Iterable[str]) -> list[str]:

@@ -99,6 +99,31 @@ def test_without_any_list_the_folders_are_listed(tmp_path: Path, write_zju: Writ
         read_tree(root, None)
 
 
+@pytest.mark.parametrize(("variant", "name"), [("classic-23", "Camera_B"), ("easymocap", "")])
+def test_folders_are_paired_with_cameras_in_the_order_of_their_numbers(
+    variant: str, name: str, tmp_path: Path, write_zju: WriteTree
+) -> None:
+    root = tmp_path / "aunt"
+    tree = write_zju(root, variant=variant, cameras=11, frames=range(1), size=32)
+    folders = root / "images" if variant == "easymocap" else root
+    for index, old in reversed(list(enumerate(tree.names, start=1))):
+        (folders / old).rename(folders / f"{name}{index}")
+    save(root, {**annotations(root), "ims": []})
+    found = read_tree(root, None)
+    assert found.camera_names == tuple(f"{name}{index}" for index in range(1, 12))
+    assert any(f"{name}9, {name}10, {name}11." in note for note in found.notes)
+
+
+def test_time_stamped_pictures_that_nothing_lists_are_refused(
+    tmp_path: Path, write_zju: WriteTree
+) -> None:
+    root = tmp_path / "CoreView_313"
+    write_zju(root, variant="classic-21", frames=range(1, 3), cameras=2)
+    save(root, {**annotations(root), "ims": []})
+    with pytest.raises(SourceError, match=r"no file name is in all 2 folders .*Camera \(2\)/Core"):
+        read_tree(root, None)
+
+
 def test_subject_396_starts_at_frame_810(tmp_path: Path, write_zju: WriteTree) -> None:
     root = tmp_path / "CoreView_396"
     write_zju(root, frames=range(809, 812), cameras=1)
