@@ -12,13 +12,9 @@ from actorsnerf_preprocess.image_files import PictureFiles, picture_size
 from actorsnerf_preprocess.source import Finding, Found, OpenOptions, SourceCamera, SourceError
 from actorsnerf_preprocess.zju_annotations import world_up
 from actorsnerf_preprocess.zju_choice import fit_folders
+from actorsnerf_preprocess.zju_intrinsics import RELEASED_SIZE, intrinsics_of
 from actorsnerf_preprocess.zju_masks import MaskSet
 from actorsnerf_preprocess.zju_tree import VARIANT_LINES, ZjuTree, read_tree
-
-RELEASED_SIZE = 1024
-"""Pixels: the width and height that K of the released archives belongs to."""
-CENTRED = (0.25, 0.75)
-"""A principal point is somewhere in the middle of the picture, as a share of its size."""
 
 
 @dataclass(frozen=True)
@@ -131,51 +127,38 @@ def source_digests(root: Path, names: tuple[str, ...]) -> tuple[tuple[str, str],
 
 def _cameras(
     tree: ZjuTree,
-) -> tuple[tuple[SourceCamera, ...], list[Finding], list[str]]:
-    cameras, findings, rescaled = [], [], 0
-    sizes = [_size(tree, index) for index in range(len(tree.camera_names))]
-    for index, name in enumerate(tree.camera_names):
-        size = sizes[index]
-        if size is None:
-            # Often only the protocol's cameras are downloaded; a stage's cameras are alike.
-            size = next((other for other in sizes if other), (RELEASED_SIZE, RELEASED_SIZE))
-            sentence = f"No picture of this camera is readable; {size[0]} x {size[1]} is assumed."
-            findings.append(Finding("warning", name, sentence))
-        K = tree.annotations.K[index]
-        if not _is_centred(K, size) and _is_centred(K, (RELEASED_SIZE, RELEASED_SIZE)):
-            # The pictures were resized, K was not; a half pixel is below its accuracy here but
-            # costs nothing to respect.
-            factors = np.array([size[0] / RELEASED_SIZE, size[1] / RELEASED_SIZE, 1.0])
-            K = factors[:, None] * K
-            K[:2, 2] += 0.5 * factors[:2] - 0.5
-            rescaled += 1
-        elif not _is_centred(K, size):
-            sentence = f"The principal point {K[:2, 2].round(1).tolist()} is far from the centre."
-            findings.append(Finding("warning", f"{name}/K", sentence))
-        cameras.append(
-            SourceCamera(
-                name=name,
-                source_index=index,
-                K=K,
-                distortion=tree.annotations.distortion[index],
-                R=tree.annotations.R[index],
-                T=tree.annotations.T[index],
-                size=size,
-            )
+) -> tuple[tuple[SourceCamera, ...], list[Finding], tuple[str, ...]]:
+    names = tree.camera_names
+    found = [_size(tree, index) for index in range(len(names))]
+    # Often only the protocol's cameras are downloaded; a stage's cameras are alike.
+    usual = next((size for size in found if size), RELEASED_SIZE)
+    sentence = f"No picture of this camera is readable; {usual[0]} x {usual[1]} is assumed."
+    findings = [
+        Finding("warning", name, sentence)
+        for name, size in zip(names, found, strict=True)
+        if size is None
+    ]
+    sizes = [size or usual for size in found]
+    intrinsics = intrinsics_of(tree.annotations.K, sizes, names)
+    cameras = [
+        SourceCamera(
+            name=name,
+            source_index=index,
+            K=intrinsics.K[index],
+            distortion=tree.annotations.distortion[index],
+            R=tree.annotations.R[index],
+            T=tree.annotations.T[index],
+            size=sizes[index],
         )
-    notes = []
-    if rescaled:
-        notes.append(
-            f"K of {rescaled} cameras belongs to {RELEASED_SIZE} x {RELEASED_SIZE} pictures and "
-            "was scaled to the size of the pictures found."
-        )
+        for index, name in enumerate(names)
+    ]
     if all(not any(pair[0] == c for pair in tree.existing) for c in range(len(cameras))):
         first = tree.root / next(iter(tree.pictures.values()))
         raise SourceError(
             f"{tree.root}: none of the {len(tree.pictures)} pictures that annots.npy lists is "
             f"there (first: {first}): were the camera folders downloaded?"
         )
-    return tuple(cameras), findings, notes
+    return tuple(cameras), [*findings, *intrinsics.findings], intrinsics.notes
 
 
 def _size(tree: ZjuTree, camera: int) -> tuple[int, int] | None:
@@ -185,11 +168,6 @@ def _size(tree: ZjuTree, camera: int) -> tuple[int, int] | None:
             if size:
                 return size
     return None
-
-
-def _is_centred(K: Float64, size: tuple[int, int]) -> bool:
-    share = K[:2, 2] / np.array(size)
-    return bool(np.all((share > CENTRED[0]) & (share < CENTRED[1])))
 
 
 def _picture_findings(tree: ZjuTree) -> list[Finding]:

@@ -75,20 +75,25 @@ def test_a_camera_without_pictures_is_named(tmp_path: Path, write_zju: WriteTree
     assert sentences(inspected(tree))["Camera_B2"].startswith("No picture of this camera is")
 
 
+@pytest.mark.parametrize("side", [160, 720])
 def test_intrinsics_of_the_released_size_are_scaled_to_resized_pictures(
-    tmp_path: Path, write_zju: WriteTree
+    side: int, tmp_path: Path, write_zju: WriteTree
 ) -> None:
-    tree = write_zju(tmp_path / "CoreView_377", cameras=1)
+    tree = write_zju(tmp_path / "CoreView_377", cameras=1, frames=range(1), size=side)
     content = np.load(tree.root / "annots.npy", allow_pickle=True).item()
     full = np.array([[1040.0, 0, 520], [0, 1050, 500], [0, 0, 1]])
     content["cams"]["K"] = [full]
     np.save(tree.root / "annots.npy", np.asarray(content), allow_pickle=True)
     seen = inspected(tree)
-    # 160 pixels for 1024: the centre of the picture stays its centre.
-    factor = 160 / 1024
+    # The centre of the picture stays its centre.
+    factor = side / 1024
     assert seen.cameras[0].K[0, 0] == pytest.approx(1040 * factor)
     assert seen.cameras[0].K[0, 2] == pytest.approx(520.5 * factor - 0.5)
-    assert any("K of 1 cameras belongs to 1024 x 1024" in note for note in seen.notes)
+    sentence = sentences(seen)["annots.npy/cams/K"]
+    assert sentence.startswith(
+        f"Pictures of 1 cameras are {side} x {side}, not 1024 x 1024: K belongs to 1024 x 1024 and "
+    )
+    assert sentence in seen.notes
 
 
 def test_a_principal_point_off_the_picture_is_named(tmp_path: Path, write_zju: WriteTree) -> None:
