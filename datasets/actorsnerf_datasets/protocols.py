@@ -64,8 +64,8 @@ def zju_protocol(
     * 313, 315: position 0 is frame 1.
     * 390: positions 600 to 1149, not the first 550.
     * 396: positions count from frame 810, because the fits of earlier frames do not belong to
-      their pictures (the released script as committed pairs picture i with fit i + 810). Its first
-      550 positions are therefore frames 810 to 1359; a copy that ends at 1349 gives 540.
+      their pictures (the released script as committed pairs picture i with fit i + 810). Raw trees
+      are read up to frame 1349, which gives 540; all 550 would be frames 810 to 1359.
     * Few-shot lists are the released ones, including that frame 0 is in the 5-shot list only.
     * Short video: frames 10, 20, …, 100, supports 10, 70, 100, for all three.
     * A short sequence gives a short pre-training list; a few-shot list that is not complete is

@@ -124,12 +124,19 @@ def test_time_stamped_pictures_that_nothing_lists_are_refused(
         read_tree(root, None)
 
 
-def test_subject_396_starts_at_frame_810(tmp_path: Path, write_zju: WriteTree) -> None:
+@pytest.mark.parametrize(
+    ("frames", "kept"),
+    [(range(809, 812), (810, 811)), (range(1348, 1352), (1348, 1349))],
+    ids=["start", "end"],
+)
+def test_subject_396_is_read_from_frame_810_to_1349(
+    frames: range, kept: tuple[int, ...], tmp_path: Path, write_zju: WriteTree
+) -> None:
     root = tmp_path / "CoreView_396"
-    write_zju(root, frames=range(809, 812), cameras=1)
+    write_zju(root, frames=frames, cameras=1)
     tree = read_tree(root, None)
-    assert tree.frames == (810, 811)
-    assert tree.pictures[0, 0] == "Camera_B1/000810.jpg"
+    assert tree.frames == kept
+    assert tree.pictures[0, 0] == f"Camera_B1/{kept[0]:06d}.jpg"
     assert any("from frame 810" in note for note in tree.notes)
 
 
