@@ -53,6 +53,33 @@ GENERIC_PRETRAINING = 550
 GENERIC_EVALUATION_COUNT = 25
 
 
+def zju_role(subject: str) -> Role | None:
+    """What ActorsNeRF uses a ZJU-MoCap subject for, also where its protocol does not apply.
+
+    None if the subject is in no published list.
+
+    >>> zju_role("CoreView_387"), zju_role("377"), zju_role("395")
+    ('held_out', 'pretraining', None)
+    """
+    number = _zju_number(subject)
+    if number in ZJU_SUPPORT:
+        return "held_out"
+    return "pretraining" if number in ZJU_PRETRAINING else None
+
+
+def aist_role(dancer: str) -> Role | None:
+    """What ActorsNeRF uses an AIST++ dancer for, whichever of the dances it is.
+
+    None if the dancer is in no published list.
+
+    >>> aist_role("d16"), aist_role("d01"), aist_role("d31")
+    ('held_out', 'pretraining', None)
+    """
+    if dancer in AIST_FIVE_SHOT:
+        return "held_out"
+    return "pretraining" if dancer in AIST_SEQUENCES else None
+
+
 def zju_protocol(
     subject: str, camera_names: Sequence[str], frame_numbers: Int64
 ) -> Protocol | None:
@@ -78,8 +105,7 @@ def zju_protocol(
 
     Source: released code (dataset_args, finetune_300frame, eval).
     """
-    found = re.search(r"(?<!\d)\d{3}(?!\d)", subject)
-    number = found.group() if found else ""
+    number = _zju_number(subject)
     if number in ZJU_PRETRAINING:
         frames = frame_numbers[frame_numbers >= ZJU_396_FIRST] if number == "396" else frame_numbers
         used = frames[ZJU_PRETRAINING[number]]
@@ -233,6 +259,11 @@ def needed_pairs(protocol: Protocol) -> set[tuple[str, int]]:
     for camera in protocol.evaluation_cameras:
         pairs |= {(camera, frame) for frame in protocol.evaluation_frames}
     return pairs
+
+
+def _zju_number(subject: str) -> str:
+    found = re.search(r"(?<!\d)\d{3}(?!\d)", subject)
+    return found.group() if found else ""
 
 
 def _best(pool: Int64, seen: Float64, count: int) -> Int64:

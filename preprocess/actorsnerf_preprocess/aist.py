@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from actorsnerf_datasets import protocols
 from actorsnerf_datasets.body_model import BodyModel, load_body_model
+from actorsnerf_datasets.published import AIST_SEQUENCES
 from actorsnerf_datasets.types import BodyFits, Int64, Protocol
 from actorsnerf_preprocess.aist_annotations import (
     read_keypoints,
@@ -34,6 +35,7 @@ from actorsnerf_preprocess.aist_names import CAMERA_NAMES, dancer_of
 from actorsnerf_preprocess.aist_reader import AistReader, AistScene
 from actorsnerf_preprocess.aist_tree import find_tree
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
+from actorsnerf_preprocess.held_out import held_out_warning
 from actorsnerf_preprocess.masks import METHOD
 from actorsnerf_preprocess.segmenter import tried_segmenter
 from actorsnerf_preprocess.source import (
@@ -114,7 +116,8 @@ def survey_aist(found: Found, options: OpenOptions) -> Survey:
         ("frames", f"{len(seen.frames)}: {seen.frames[0]} to {seen.frames[-1]}"),
         ("masks", mask_source(seen.given, METHOD)),
     )
-    return Survey(found, facts, _weighed(found, options, seen))
+    warnings = protocol_findings(found.name, protocol, names, seen.protocol_frames)
+    return Survey(found, facts, (*warnings, *_weighed(found, options, seen)))
 
 
 def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
@@ -132,6 +135,7 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
     require_plausible_distance(cameras, fits.world_from_body[:, :3, 3])
     names = [camera.name for camera in cameras]
     protocol = dance_protocol(found.name, options, names, seen.protocol_frames)
+    warnings = protocol_findings(found.name, protocol, names, seen.protocol_frames)
     return SourceSequence(
         found=found,
         actor=dancer_of(found.name),
@@ -145,9 +149,14 @@ def open_aist(found: Found, options: OpenOptions) -> SourceSequence:
         body_model=model_name,
         mask_source=mask_source(seen.given, METHOD if segmenter is None else segmenter.name),
         source_terms=SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS,
-        notes=(*seen.notes, f"Body model {model_name}, file digest {model.digest}, zero betas."),
+        notes=(
+            *seen.notes,
+            f"Body model {model_name}, file digest {model.digest}, zero betas.",
+            *(finding.sentence for finding in warnings),
+        ),
         source_digests=annotation_digests(found, seen),
         findings=(
+            *warnings,
             *_weighed(found, options, seen),
             *model_findings,
             *_agreement(found, seen, fits),
@@ -186,12 +195,37 @@ def _body_model(found: Found, options: OpenOptions) -> tuple[BodyModel, str, tup
 def dance_protocol(
     sequence: str, options: OpenOptions, cameras: list[str], frames: Int64
 ) -> Protocol:
-    """The published protocol of a sequence, or the generic one with the role the user gave."""
+    """The published protocol of a sequence, or the generic one with the role the user gave.
+
+    Any dance of a published test dancer is held out.
+    """
     official = protocols.aist_protocol(sequence, cameras, frames)
     if official is not None:
         return official
-    held_out = {dancer_of(sequence), sequence} & set(options.held_out)
+    dancer = dancer_of(sequence)
+    held_out = {dancer, sequence} & set(options.held_out) or protocols.aist_role(
+        dancer
+    ) == "held_out"
     return protocols.generic_protocol("held_out" if held_out else "pretraining", cameras, frames)
+
+
+def protocol_findings(
+    sequence: str, protocol: Protocol, cameras: list[str], frames: Int64
+) -> tuple[Finding, ...]:
+    """A warning, if a published test dancer's published protocol does not apply."""
+    dancer = dancer_of(sequence)
+    if protocol.name != "generic" or protocols.aist_role(dancer) != "held_out":
+        return ()
+    if sequence != AIST_SEQUENCES[dancer]:
+        reason = f"the published lists are for {AIST_SEQUENCES[dancer]}"
+    elif "c01" not in cameras:
+        reason = "the published lists are for camera c01, which has no usable video"
+    else:
+        reason = (
+            "the published lists need c01, a camera of c02 to c08, and frames beyond 1400; there "
+            f"are {', '.join(cameras)}, and frames {frames[0]} to {frames[-1]}"
+        )
+    return (held_out_warning(dancer, protocol, reason, len(frames)),)
 
 
 def needed_cameras(sequence: str, options: OpenOptions, frames: Int64) -> tuple[str, ...]:

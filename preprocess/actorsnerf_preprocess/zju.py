@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from actorsnerf_datasets.body_model import BodyModel, load_body_model
-from actorsnerf_datasets.types import Float64, Protocol
+from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.free_body import FREE_BODY_NAME, free_body
 from actorsnerf_preprocess.image_files import ImageReader
 from actorsnerf_preprocess.source import (
@@ -42,6 +42,8 @@ from actorsnerf_preprocess.zju_inspection import (
 )
 from actorsnerf_preprocess.zju_protocol import (
     actor_of,
+    protocol_findings,
+    protocol_notes,
     protocol_of,
     wanted_pairs,
     weighed_findings,
@@ -131,9 +133,15 @@ def open_zju(found: Found, options: OpenOptions) -> SourceSequence:
         body_model=body_model if choice.pose_blend else f"{body_model}, without pose blend shapes",
         mask_source=mask_source(tree.mask_sets) or "none",
         source_terms=_terms(found),
-        notes=(*seen.notes, *read.notes, *_note(protocol, model, body_model)),
+        notes=(
+            *seen.notes,
+            *read.notes,
+            f"Body model {body_model}, file digest {model.digest}.",
+            *protocol_notes(found, protocol, tree.camera_names, tree.frames),
+        ),
         source_digests=source_digests(tree.root, _digested(seen, choice)),
         findings=(
+            *protocol_findings(found, protocol, tree.camera_names, tree.frames),
             *weighed_findings(seen.findings, wanted, tree.existing, absent),
             *choice.findings,
             *read.findings,
@@ -165,7 +173,10 @@ def _survey(
             ("protocol", f"{protocol.name}, {protocol.role}: {needed}"),
             *lines,
         ),
-        weighed_findings(findings, wanted, existing, _absent(cameras)),
+        (
+            *protocol_findings(found, protocol, cameras, frames),
+            *weighed_findings(findings, wanted, existing, _absent(cameras)),
+        ),
     )
 
 
@@ -206,9 +217,15 @@ def _open_converted(
         body_model=body_model,
         mask_source="masks of the converted tree; not zero = person",
         source_terms=_terms(found),
-        notes=(*_up_notes(names, up), *read.notes, *_note(protocol, model, body_model)),
+        notes=(
+            *_up_notes(names, up),
+            *read.notes,
+            f"Body model {body_model}, file digest {model.digest}.",
+            *protocol_notes(found, protocol, names, tree.frames),
+        ),
         source_digests=source_digests(tree.root, tuple(digested)),
         findings=(
+            *protocol_findings(found, protocol, names, tree.frames),
             *weighed_findings(tree.findings, wanted, tree.existing, absent),
             *findings,
             *read.findings,
@@ -288,13 +305,6 @@ def _up_notes(cameras: tuple[str, ...], up: Float64) -> tuple[str, ...]:
 
 def _terms(found: Found) -> str:
     return SYNTHETIC_TERMS if found.dataset == "synthetic" else SOURCE_TERMS
-
-
-def _note(protocol: Protocol, model: BodyModel, name: str) -> tuple[str, ...]:
-    notes = [f"Body model {name}, file digest {model.digest}."]
-    if protocol.name == "generic":
-        notes.append(f"The actor is in no published list and counts as {protocol.role}.")
-    return tuple(notes)
 
 
 def _digested(seen: ZjuInspection, choice: FitChoice) -> tuple[str, ...]:

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from actorsnerf_datasets import protocols
 from actorsnerf_datasets.types import Protocol, Role
+from actorsnerf_preprocess.aist_names import dancer_of
+from actorsnerf_preprocess.held_out import held_out_warning
 from actorsnerf_preprocess.source import Finding, Found, OpenOptions
 from actorsnerf_preprocess.zju_tree import subject_of
 
@@ -20,15 +22,61 @@ def actor_of(found: Found) -> str:
 def protocol_of(
     found: Found, options: OpenOptions, cameras: tuple[str, ...], frames: tuple[int, ...]
 ) -> Protocol:
-    """The published protocol of a subject, or the generic one with the role the user gave."""
+    """The published protocol of a subject, or the generic one with the role the user gave.
+
+    A published test actor is held out in either.
+    """
     numbers = np.array(frames, np.int64)
     official = protocols.zju_protocol(subject_of(found.path.name), list(cameras), numbers)
     if official is not None and found.dataset != "synthetic":
         return official
     names = {found.name, found.path.name, actor_of(found), subject_of(found.path.name)}
-    held_out = names & set(options.held_out)
+    held_out = names & set(options.held_out) or published_role(found) == "held_out"
     role: Role = "held_out" if held_out else "pretraining"
     return protocols.generic_protocol(role, list(cameras), numbers)
+
+
+def published_role(found: Found) -> Role | None:
+    """What the published experiments use an actor for; None for an actor outside their lists.
+
+    A tree of ZJU-MoCap's form may be of an AIST++ dancer, whom the released scripts convert.
+    """
+    if found.dataset == "synthetic":
+        return None
+    name = found.path.name
+    return protocols.zju_role(subject_of(name)) or protocols.aist_role(dancer_of(name))
+
+
+def protocol_findings(
+    found: Found, protocol: Protocol, cameras: tuple[str, ...], frames: tuple[int, ...]
+) -> tuple[Finding, ...]:
+    """A warning, if a published test actor's published protocol does not apply."""
+    if protocol.name != "generic" or published_role(found) != "held_out":
+        return ()
+    reason = "the published lists are for the videos of AIST++"
+    if protocols.zju_role(subject_of(found.path.name)):
+        reason = (
+            "the published lists need more than 301 frames and more than one camera, and there "
+            f"are {len(frames)} and {len(cameras)}"
+        )
+    return (held_out_warning(actor_of(found), protocol, reason, len(frames)),)
+
+
+def protocol_notes(
+    found: Found, protocol: Protocol, cameras: tuple[str, ...], frames: tuple[int, ...]
+) -> tuple[str, ...]:
+    """What a file says about a generic protocol."""
+    if protocol.name != "generic":
+        return ()
+    warnings = protocol_findings(found, protocol, cameras, frames)
+    if warnings:
+        return tuple(finding.sentence for finding in warnings)
+    if published_role(found) is None:
+        return (f"The actor is in no published list and counts as {protocol.role}.",)
+    return (
+        f"The published protocol does not apply to these {len(frames)} frames; the actor counts as "
+        f"{protocol.role}.",
+    )
 
 
 def wanted_pairs(

@@ -1,4 +1,5 @@
 import pickle
+import re
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,14 @@ import pytest
 from actorsnerf_datasets.cameras import camera_centre
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_preprocess import aist_reader
-from actorsnerf_preprocess.aist import find_aist, needed_cameras, open_aist, survey_aist
+from actorsnerf_preprocess.aist import (
+    dance_protocol,
+    find_aist,
+    needed_cameras,
+    open_aist,
+    protocol_findings,
+    survey_aist,
+)
 from actorsnerf_preprocess.aist_checks import SMPL_OF_COCO
 from actorsnerf_preprocess.aist_reader import AistReader
 from actorsnerf_preprocess.backgrounds import Background, estimate_background
@@ -25,6 +33,17 @@ POSES = ("smpl_poses", "smpl_trans")
 def rewritten(tree: Any, **changes: Any) -> None:
     path = tree.root / "annotations" / "motions" / f"{tree.name}.pkl"
     path.write_bytes(pickle.dumps(pickle.loads(path.read_bytes()) | changes))
+
+
+def renamed(tree: Any, sequence: str) -> None:
+    """The tree's only dance under another name."""
+    annotations = tree.root / "annotations"
+    motion = annotations / "motions" / f"{tree.name}.pkl"
+    motion.rename(motion.with_name(f"{sequence}.pkl"))
+    (annotations / "cameras" / "mapping.txt").write_text(f"{sequence} setting7_1")
+    for camera in tree.names:
+        old, new = (name.replace("cAll", camera) for name in (tree.name, sequence))
+        (tree.root / "videos" / f"{old}.mp4").rename(tree.root / "videos" / f"{new}.mp4")
 
 
 def test_a_raw_tree_is_found_opened_and_right(aist: Any) -> None:
@@ -130,6 +149,42 @@ def test_the_papers_sequences_have_the_papers_protocol(write_aist: Any, tmp_path
     every = open_aist(found, OpenOptions(body_model=tree.body, pairs="all"))
     assert every.frames.tolist() == list(range(440))
     assert every.wanted.all() and every.protocols == source.protocols
+
+
+def test_any_dance_of_a_test_dancer_is_held_out_and_said(aist: Any) -> None:
+    other = "gLH_sBM_cAll_d16_mLH0_ch01"
+    renamed(aist, other)
+    (found,) = find_aist(aist.root)
+    source = open_aist(found, OpenOptions(body_model=aist.body))
+    (protocol,) = source.protocols
+    assert (source.actor, protocol.name, protocol.role) == ("d16", "generic", "held_out")
+    (warning,) = (finding for finding in source.findings if finding.entry == "protocol")
+    assert warning.severity == "warning"
+    assert "held out, its 8 frames give no few-shot list" in warning.sentence
+    assert "the published lists are for gLH_sFM_cAll_d16_mLH2_ch03." in warning.sentence
+    assert warning.sentence in source.notes
+    assert warning in survey_aist(found, OpenOptions()).findings
+
+
+@pytest.mark.parametrize(
+    ("cameras", "last", "reason"),
+    [
+        (["c02", "c03"], 2400, "with generic lists: .* camera c01, which has no usable video"),
+        (["c01", "c02"], 1300, "beyond 1400; there are c01, c02, and frames 200 to 1296"),
+        (["c01"], 2400, "there are c01, and frames"),
+    ],
+)
+def test_a_test_dancer_is_held_out_also_without_what_its_protocol_needs(
+    cameras: list[str], last: int, reason: str
+) -> None:
+    sequence, frames = "gLH_sFM_cAll_d16_mLH2_ch03", np.arange(200, last, 4)
+    protocol = dance_protocol(sequence, OpenOptions(), cameras, frames)
+    assert (protocol.name, protocol.role) == ("generic", "held_out")
+    (finding,) = protocol_findings(sequence, protocol, cameras, frames)
+    assert re.search(reason, finding.sentence)
+    official = dance_protocol(sequence, OpenOptions(), ["c01", "c02"], np.arange(200, 2400, 4))
+    assert official.name == "actorsnerf-aist"
+    assert protocol_findings(sequence, official, ["c01", "c02"], frames) == ()
 
 
 def test_the_survey_needs_no_body_model(aist: Any) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from actorsnerf_datasets.cameras import camera_from_world, project_distorted
+from actorsnerf_datasets.check import check_sequence
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.prepare import PrepareOptions, prepare_sequence
@@ -102,6 +103,26 @@ def test_an_actor_outside_the_lists_is_held_out_when_named(
         source = open_zju(found, OpenOptions(body_model=tiny_body, held_out=held_out))
         assert source.protocols[0].role == role
         assert f"counts as {role}" in " ".join(source.notes)
+
+
+def test_a_published_test_actor_of_one_camera_is_held_out_and_said(
+    tmp_path: Path, write_zju: WriteTree, tiny_body: Path
+) -> None:
+    write_zju(tmp_path / "CoreView_387", cameras=1)
+    (found,) = find_zju(tmp_path)
+    source = open_zju(found, OpenOptions(body_model=tiny_body))
+    (protocol,) = source.protocols
+    assert (protocol.role, protocol.shots) == ("held_out", ())
+    for findings in (source.findings, survey_zju(found, OpenOptions()).findings):
+        (warning,) = (finding for finding in findings if finding.entry == "protocol")
+        assert warning.severity == "warning"
+        assert "zju-387 is a test actor of the published experiments" in warning.sentence
+        assert "its 4 frames give no few-shot list" in warning.sentence
+    assert warning.sentence in source.notes
+    prepare_sequence(source, tmp_path, PrepareOptions())
+    assert not [
+        f for f in check_sequence(tmp_path / "CoreView_387.h5", None) if f.severity == "error"
+    ]
 
 
 def test_a_missing_body_model_is_answered_with_where_to_get_it(

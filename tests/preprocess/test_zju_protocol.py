@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +7,8 @@ import pytest
 from actorsnerf_preprocess.source import Finding, Found, OpenOptions
 from actorsnerf_preprocess.zju_protocol import (
     actor_of,
+    protocol_findings,
+    protocol_notes,
     protocol_of,
     wanted_pairs,
     weighed_findings,
@@ -31,6 +34,47 @@ def test_published_subjects_have_the_published_protocol_unless_they_are_drawn() 
     assert protocol_of(subject("CoreView_377"), options, CAMERAS, FRAMES).name == "actorsnerf-zju"
     drawn = protocol_of(subject("CoreView_377", drawn=True), options, CAMERAS, FRAMES)
     assert (drawn.name, drawn.role) == ("generic", "pretraining")
+
+
+@pytest.mark.parametrize(
+    ("name", "cameras", "count", "reason"),
+    [
+        (
+            "CoreView_387",
+            1,
+            400,
+            r"more than 301 frames and more than one camera, and .* 400 and 1",
+        ),
+        ("my_393", 3, 301, r"held out, with generic lists: .* 301 and 3"),
+        ("394", 3, 4, r"held out, its 4 frames give no few-shot list: .* 4 and 3"),
+        ("gLH_sFM_cAll_d16_mLH2_ch03", 3, 400, "the published lists are for the videos of AIST"),
+    ],
+)
+def test_a_published_test_actor_is_held_out_whatever_protocol_applies(
+    name: str, cameras: int, count: int, reason: str
+) -> None:
+    found, frames = subject(name), tuple(range(count))
+    protocol = protocol_of(found, OpenOptions(), CAMERAS[:cameras], frames)
+    assert (protocol.name, protocol.role) == ("generic", "held_out")
+    (finding,) = protocol_findings(found, protocol, CAMERAS[:cameras], frames)
+    assert finding.severity == "warning" and re.search(reason, finding.sentence)
+    assert protocol_notes(found, protocol, CAMERAS[:cameras], frames) == (finding.sentence,)
+    drawn = subject(name, drawn=True)
+    protocol = protocol_of(drawn, OpenOptions(), CAMERAS[:cameras], frames)
+    assert protocol.role == "pretraining"
+    assert protocol_findings(drawn, protocol, CAMERAS[:cameras], frames) == ()
+
+
+def test_a_file_says_why_its_protocol_is_the_generic_one() -> None:
+    def notes(name: str) -> tuple[str, ...]:
+        protocol = protocol_of(subject(name), OpenOptions(), CAMERAS, FRAMES)
+        assert protocol_findings(subject(name), protocol, CAMERAS, FRAMES) == ()
+        return protocol_notes(subject(name), protocol, CAMERAS, FRAMES)
+
+    assert notes("377") == ()
+    assert notes("aunt") == ("The actor is in no published list and counts as pretraining.",)
+    (note,) = notes("CoreView_390")  # begins at position 600
+    assert note.startswith("The published protocol does not apply to these 20 frames")
 
 
 @pytest.mark.parametrize("name", ["my_aunt", "aunt"])

@@ -31,6 +31,18 @@ def test_of_a_folder_the_held_out_are_left_out_and_named(people: People) -> None
     assert (named, left_out) == ((people.eve, people.ann), ())
 
 
+def test_an_actor_held_out_in_one_file_is_left_out_of_all(people: People, known_eve: Path) -> None:
+    """Named or in a folder, and whichever comes first."""
+    line = "known.h5: actor eve is held out for testing in eve.h5"
+    for data in ((people.folder, known_eve), (known_eve.parent, people.folder)):
+        files, left_out = training_files(data)
+        assert [path.name for path in files] == ["ann.h5", "ben.h5"]
+        assert line in left_out
+    files, left_out = training_files((known_eve, people.eve, people.ann))
+    assert (files, left_out) == ((people.eve, people.ann), (line,))
+    assert training_files((known_eve, people.ann))[1] == ()
+
+
 def test_folders_without_anything_to_train_on(people: People, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"holds no prepared file \(\*\.h5\): prepare a download"):
         training_files((tmp_path,))

@@ -18,30 +18,35 @@ BACKGROUNDS = {"zju-mocap": BLACK, "aist++": WHITE, "synthetic": BLACK, "convert
 def training_files(data: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """The files to pre-train on, and what to tell about those left out.
 
-    Named files are taken as they are. Of a folder, the files of actors that are held out for
-    testing are left out, and named.
+    Of a folder, the files of actors that are held out for testing are left out, and named; so are
+    all files of an actor that another of the files holds out. A held-out file that is itself named
+    is taken, and refused when it is read.
 
     Raises:
         UserError: nothing is there.
     """
+    files = tuple(file for path in data for file in _files_at(path))
+    tested: set[Path] = set()
+    held_out: dict[str, str] = {}
+    actors: dict[Path, str] = {}
+    for file in files:
+        with SequenceFile(file) as sequence:
+            header = sequence.header
+        actors[file] = header.actor
+        if any(protocol.role == "held_out" for protocol in header.protocols):
+            tested.add(file)
+            held_out.setdefault(header.actor, file.name)
     chosen: list[Path] = []
     left_out: list[str] = []
-    for path in data:
-        if not path.is_dir():
-            chosen.append(path)
-            continue
-        inside = sorted(path.glob(f"*{SUFFIX}"))
-        if not inside:
-            raise UserError(
-                f"{path}: holds no prepared file (*{SUFFIX}): prepare a download first: "
-                "python -m actorsnerf_preprocess prepare --source DOWNLOAD --out FOLDER"
-            )
-        for file in inside:
-            header = SequenceFile(file).header
-            if any(protocol.role == "held_out" for protocol in header.protocols):
-                left_out.append(f"{file.name}: actor {header.actor} is held out for testing")
-            else:
-                chosen.append(file)
+    for file in files:
+        actor = actors[file]
+        if actor not in held_out or (file in tested and file in data):
+            chosen.append(file)
+        elif file in tested:
+            left_out.append(f"{file.name}: actor {actor} is held out for testing")
+        else:
+            place = held_out[actor]
+            left_out.append(f"{file.name}: actor {actor} is held out for testing in {place}")
     if not chosen:
         raise UserError(
             f"{', '.join(map(str, data))}: no file to pre-train on; every actor is held out for "
@@ -101,3 +106,20 @@ def refuse_leakage(actor: str, file: Path, origin: Origin) -> None:
             f"{file}: actor {actor} was in the category training already ({seen[0]}); few-shot "
             "results on a known person mean nothing: take another actor, or pretrain without."
         )
+
+
+def _files_at(path: Path) -> list[Path]:
+    """The prepared files of a folder, by name; a file is itself.
+
+    Raises:
+        UserError: the folder holds none.
+    """
+    if not path.is_dir():
+        return [path]
+    inside = sorted(path.glob(f"*{SUFFIX}"))
+    if not inside:
+        raise UserError(
+            f"{path}: holds no prepared file (*{SUFFIX}): prepare a download first: "
+            "python -m actorsnerf_preprocess prepare --source DOWNLOAD --out FOLDER"
+        )
+    return inside
