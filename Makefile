@@ -21,8 +21,8 @@ help:  ## this list
 setup:  ## virtual environment, packages, LPIPS weights, headless OpenGL (safe to repeat)
 	@python3 scripts/setup.py
 
-inspect: setup  ## say what a download holds and what is wrong with it: SOURCE= [BODY=]
-	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY),--body-model "$(BODY)")
+inspect: setup  ## say what a download holds and what is wrong with it: SOURCE= [BODY= SEQUENCES=]
+	@$(PY) -m actorsnerf_preprocess inspect --source "$(SOURCE)" $(if $(BODY),--body-model "$(BODY)") $(if $(SEQUENCES),--sequences $(SEQUENCES))
 
 prepare: setup  ## raw download to HDF5: SOURCE= [DATASET=zju-mocap|aist|synthetic OUT= BODY= SEQUENCES= MASKS= WORKERS=]
 	@$(PY) -m actorsnerf_preprocess prepare --source "$(or $(SOURCE),data/raw)" --out "$(OUT)" --workers $(WORKERS) $(if $(DATASET),--dataset $(DATASET)) $(if $(BODY),--body-model "$(BODY)") $(if $(SEQUENCES),--sequences $(SEQUENCES)) $(if $(MASKS),--masks "$(MASKS)")

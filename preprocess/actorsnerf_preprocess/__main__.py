@@ -60,8 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _inspect(reading: Reading) -> int:
     errors = 0
+    said: set[str] = set()
+    options = _options(reading)
     for found in _selected(reading):
-        survey = survey_source(found, _options(reading))
+        try:
+            survey = survey_source(found, options)
+        except UserError as error:
+            _say_once(error, said)
+            errors += 1
+            continue
         _print_survey(survey)
         errors += any(finding.severity == "error" for finding in survey.findings)
     print(CHECK_NOTICE)
@@ -76,16 +83,15 @@ def _prepare(command: Prepare) -> int:
         return _list_needed(command, find_wanted(command.source, command.sequences))
     found = _selected(command)
     options = _options(command)
-    refused: dict[str, str] = {}
+    refused: set[str] = set()
+    said: set[str] = set()
     with _workers(command) as executor:
         for each in found:
             try:
                 _prepare_one(command, each, options, executor)
             except UserError as error:
-                # What is wrong with the command is said once, not for every sequence.
-                if str(error) not in refused.values():
-                    print(f"error: {error}", file=sys.stderr)
-                refused[each.name] = str(error)
+                _say_once(error, said)
+                refused.add(each.name)
     done = [each.name for each in found if each.name not in refused]
     if done and not command.dry_run:
         files = " ".join(str(command.out / f"{name}.h5") for name in done[:3])
@@ -124,6 +130,13 @@ def _selected(reading: Reading) -> tuple[Found, ...]:
     require_dataset(reading.source, everything, reading.dataset)
     require_known_actors(reading.held_out, everything)
     return selected(everything, reading.sequences)
+
+
+def _say_once(error: UserError, said: set[str]) -> None:
+    """Prints a refusal; what is wrong with the command is not said again for every sequence."""
+    if str(error) not in said:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+    said.add(str(error))
 
 
 def _require_sensible(command: Prepare) -> None:

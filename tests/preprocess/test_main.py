@@ -122,6 +122,29 @@ def test_one_bad_sequence_does_not_stop_the_others(
     assert (tmp_path / "out" / "CoreView_377.h5").is_file()
 
 
+def test_inspect_goes_on_after_a_sequence_that_is_refused(
+    raw: Path, write_zju: WriteTree, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("CoreView_313", "CoreView_386"):
+        write_zju(raw / name, frames=range(1), cameras=1)
+    (raw / "CoreView_313" / "annots.npy").write_bytes(b"cut off")
+    assert main(arguments("inspect", "--source", raw)) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert re.match("error: .*CoreView_313/annots.npy", line)
+    named = [line.split()[-1] for line in captured.out.splitlines() if line.startswith("sequence")]
+    assert named == ["CoreView_377", "CoreView_386"]
+    assert main(arguments("inspect", "--source", raw, "--sequences", "377", "386")) == 0
+
+
+def test_make_inspects_and_prepares_the_sequences_that_are_named() -> None:
+    """`make` itself may not be there where the tests run."""
+    lines = (Path(__file__).parents[2] / "Makefile").read_text().splitlines()
+    for command in ("inspect", "prepare"):
+        (line,) = [line for line in lines if f"actorsnerf_preprocess {command} " in line]
+        assert "$(if $(SEQUENCES),--sequences $(SEQUENCES))" in line
+
+
 def test_what_is_wrong_with_the_command_is_said_once(
     raw: Path, write_zju: WriteTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
