@@ -1,6 +1,7 @@
 """Where the parts of an AIST++ download lie below a folder, however it was unpacked."""
 
 import os
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,9 +40,9 @@ def find_tree(root: Path) -> AistTree | None:
     """The parts below a folder; None if there are no AIST++ annotations.
 
     The annotations may lie in `root` itself, in `root/annotations`, or in the dated folders of the
-    older packages (`20210308_motions/motions`); videos anywhere, flat or nested. Of two copies the
-    one whose path sorts last (the newer date) is taken and the choice noted; of two videos of a
-    view the larger.
+    older packages (`20210308_motions/motions`); videos anywhere, flat or nested. Links to folders
+    are followed. Of two copies the one whose path sorts last (the newer date) is taken and the
+    choice noted; of two videos of a view the larger.
 
     Raises:
         SourceError: only one of cameras/ and motions/ is there.
@@ -79,15 +80,33 @@ def find_tree(root: Path) -> AistTree | None:
     )
 
 
-def _walk(root: Path) -> list[tuple[Path, list[str]]]:
-    found = []
-    for folder, inner, files in os.walk(root):
-        path = Path(folder)
-        inner[:] = sorted(name for name in inner if name != TRUTH)
-        if len(path.relative_to(root).parts) >= MAX_DEPTH:
-            inner.clear()
-        found.append((path, sorted(files)))
-    return found
+def _walk(root: Path) -> tuple[tuple[Path, list[str]], ...]:
+    """Every folder with the names of its files, once, also behind links to folders.
+
+    A folder that several ways lead to has the name that no link is in; a loop of links ends.
+    """
+    found: dict[Path, tuple[Path, list[str]]] = {}
+    opened: set[Path] = set()
+    waiting, linked = [(root, 0)], deque[tuple[Path, int]]()
+    while waiting or linked:
+        path, depth = waiting.pop() if waiting else linked.popleft()
+        place = path.resolve()
+        if place in opened:
+            continue
+        _, inner, files = next(os.walk(path), ("", [], []))
+        found.setdefault(place, (path, sorted(files)))
+        if depth == MAX_DEPTH:
+            continue
+        opened.add(place)
+        for name in sorted(inner, reverse=True):
+            if name != TRUTH and not (path / name).is_symlink():
+                waiting.append((path / name, depth + 1))
+        linked += [
+            (path / name, depth + 1)
+            for name in sorted(inner)
+            if name != TRUTH and (path / name).is_symlink()
+        ]
+    return tuple(found.values())
 
 
 def _kinds(folder: Path, files: list[str]) -> list[str]:

@@ -59,6 +59,47 @@ def test_the_newer_of_two_motion_folders_is_taken_and_said(tmp_path: Path) -> No
     assert tree.notes == ("2 folders hold motions; taken: 20210308_motions/motions.",)
 
 
+def test_parts_behind_links_to_folders_are_found(tmp_path: Path) -> None:
+    disk, root = tmp_path / "disk", tmp_path / "aist"
+    touched(disk / "annotations" / "cameras" / "mapping.txt")
+    touched(disk / "annotations" / "motions" / f"{NAME}.pkl")
+    touched(disk / "videos" / "10M" / "gBR_sFM_c01_d04_mBR0_ch01.mp4")
+    root.mkdir()
+    for name in ("annotations", "videos"):
+        (root / name).symlink_to(disk / name)
+    tree = find_tree(root)
+    assert tree is not None and tree.notes == ()
+    assert tree.motions == root / "annotations" / "motions"
+    video = root / "videos" / "10M" / "gBR_sFM_c01_d04_mBR0_ch01.mp4"
+    assert tree.videos == {NAME: {"c01": video}}
+
+
+def test_a_folder_is_found_once_by_its_own_name_and_loops_of_links_end(tmp_path: Path) -> None:
+    touched(tmp_path / "cameras" / "mapping.txt")
+    motions = touched(tmp_path / "z" / "motions" / f"{NAME}.pkl").parent
+    (tmp_path / "motions").symlink_to(motions)
+    for place in (tmp_path, motions, tmp_path / "cameras"):
+        for name in "abcdefgh":
+            (place / name).symlink_to(tmp_path)
+    tree = find_tree(tmp_path)
+    assert tree is not None
+    assert (tree.motions, tree.notes) == (motions, ())
+
+
+def test_a_link_reaches_what_lies_too_deep_without_it(tmp_path: Path) -> None:
+    touched(tmp_path / "cameras" / "mapping.txt")
+    touched(tmp_path / "motions" / f"{NAME}.pkl")
+    deep = tmp_path / "a" / "b" / "c" / "d" / "e"
+    touched(deep / "10M" / "gBR_sFM_c01_d04_mBR0_ch01.mp4")
+    tree = find_tree(tmp_path)
+    assert tree is not None and tree.videos == {}
+    (tmp_path / "videos").symlink_to(deep)
+    tree = find_tree(tmp_path)
+    assert tree is not None
+    video = tmp_path / "videos" / "10M" / "gBR_sFM_c01_d04_mBR0_ch01.mp4"
+    assert tree.videos == {NAME: {"c01": video}}
+
+
 def test_the_larger_of_two_videos_of_a_view_is_taken(tmp_path: Path) -> None:
     touched(tmp_path / "cameras" / "mapping.txt")
     touched(tmp_path / "motions" / f"{NAME}.pkl")
