@@ -28,6 +28,7 @@ from actorsnerf_preprocess.sources import (
     require_known_actors,
     selected,
     survey_source,
+    unknown_held_out,
 )
 from actorsnerf_preprocess.workers import team
 
@@ -80,6 +81,7 @@ def _prepare(command: Prepare) -> int:
     if command.dataset == "synthetic" and not command.source.exists():
         _synthesise(Synthetic(out=command.source))
     if command.list_needed:
+        _check_held_out(command, find_sources(command.source, unfilmed=True))
         return _list_needed(command, find_wanted(command.source, command.sequences))
     found = _selected(command)
     options = _options(command)
@@ -128,8 +130,16 @@ def _synthesise(command: Synthetic) -> int:
 def _selected(reading: Reading) -> tuple[Found, ...]:
     everything = find_sources(reading.source)
     require_dataset(reading.source, everything, reading.dataset)
-    require_known_actors(reading.held_out, everything)
+    _check_held_out(reading, everything)
     return selected(everything, reading.sequences)
+
+
+def _check_held_out(reading: Reading, everything: Sequence[Found]) -> None:
+    """Refuses unknown names of the command line; those of the source's file are only said."""
+    require_known_actors(reading.held_out, everything)
+    if not reading.held_out:
+        for line in unknown_held_out(reading.source, everything):
+            print(f"warning: {line}", file=sys.stderr, flush=True)
 
 
 def _say_once(error: UserError, said: set[str]) -> None:

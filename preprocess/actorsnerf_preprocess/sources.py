@@ -80,8 +80,9 @@ def selected(found: Sequence[Found], names: Sequence[str]) -> tuple[Found, ...]:
     for name in expanded_selection(names):
         matches = [each for each in found if name in (each.name, subject_of(each.name))]
         if not matches:
-            there = ", ".join(each.name for each in found[:8]) + (", ..." if found[8:] else "")
-            raise SourceError(f"{found[0].path.parent}: has no sequence {name!r}; it has {there}.")
+            raise SourceError(
+                f"{found[0].path.parent}: has no sequence {name!r}; it has {_listed(found)}."
+            )
         wanted.update({each.name: each for each in matches})
     return tuple(wanted.values())
 
@@ -153,14 +154,57 @@ def require_known_actors(names: Sequence[str], found: Sequence[Found]) -> None:
     Raises:
         SourceError: a name is neither; its actor would silently count as pre-training.
     """
+    known = _known_names(found)
+    for name in names:
+        if name not in known:
+            raise SourceError(
+                f"--held-out {name}: no such actor or sequence; there are {_listed(found)}."
+            )
+
+
+def unknown_held_out(root: Path, found: Sequence[Found]) -> tuple[str, ...]:
+    """A sentence each on the names in the source's `held_out.txt` that nobody there has.
+
+    Such a name may be of a sequence that is not downloaded, so it is no error.
+
+    Args:
+        root: the source folder.
+        found: all of its sequences.
+
+    Raises:
+        SourceError: `held_out.txt` cannot be read.
+    """
+    known = _known_names(found)
+    unlike = {name.casefold(): name for name in sorted(known)}
+    absent = [name for name in held_out_names(root, ()) if name not in known]
+    path = root / HELD_OUT_FILE
+    lines = [
+        f"{path}: {name} is no actor or sequence here, but {unlike[name.casefold()]} is, and "
+        "is not held out by it: upper and lower case count."
+        for name in absent
+        if name.casefold() in unlike
+    ]
+    others = [name for name in absent if name.casefold() not in unlike]
+    if others:
+        shown = ", ".join(others[:8]) + (", ..." if others[8:] else "")
+        lines.append(
+            f"{path}: names without an actor or sequence here hold out nobody: {shown}; there are "
+            f"{_listed(found)}."
+        )
+    return tuple(lines)
+
+
+def _known_names(found: Sequence[Found]) -> set[str]:
+    """All that a user may call the sequences and their actors."""
     known: set[str] = set()
     for each in found:
         subject = subject_of(each.name)
         known |= {each.name, subject, f"zju-{subject}", dancer_of(each.name)}
-    for name in names:
-        if name not in known:
-            there = ", ".join(each.name for each in found[:8]) + (", ..." if found[8:] else "")
-            raise SourceError(f"--held-out {name}: no such actor or sequence; there are {there}.")
+    return known
+
+
+def _listed(found: Sequence[Found]) -> str:
+    return ", ".join(each.name for each in found[:8]) + (", ..." if found[8:] else "")
 
 
 def _is_zju(found: Found) -> bool:

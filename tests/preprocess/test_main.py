@@ -137,6 +137,28 @@ def test_inspect_goes_on_after_a_sequence_that_is_refused(
     assert main(arguments("inspect", "--source", raw, "--sequences", "377", "386")) == 0
 
 
+@pytest.mark.parametrize(
+    "command", [("inspect",), ("prepare", "--dry-run"), ("prepare", "--list-needed")]
+)
+def test_names_of_held_out_txt_that_nobody_has_are_a_warning(
+    command: tuple[str, ...],
+    tmp_path: Path,
+    write_zju: WriteTree,
+    tiny_body: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name in ("CoreView_anna", "CoreView_377"):
+        write_zju(tmp_path / name, frames=range(2), cameras=2)
+    (tmp_path / "held_out.txt").write_text("Anna\n")
+    full = arguments(*command, "--source", tmp_path, "--body-model", tiny_body)
+    assert main(full) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"warning: {tmp_path / 'held_out.txt'}: Anna is no actor or sequence")
+    (tmp_path / "held_out.txt").write_text("anna\n")
+    assert main([*full, "--sequences", "377"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_make_inspects_and_prepares_the_sequences_that_are_named() -> None:
     """`make` itself may not be there where the tests run."""
     lines = (Path(__file__).parents[2] / "Makefile").read_text().splitlines()

@@ -14,6 +14,7 @@ from actorsnerf_preprocess.sources import (
     held_out_names,
     require_dataset,
     selected,
+    unknown_held_out,
 )
 
 WriteTree = Callable[..., Any]
@@ -94,3 +95,19 @@ def test_held_out_actors_are_given_or_in_a_file(tmp_path: Path) -> None:
     (tmp_path / "held_out.txt").write_text("aunt \n\nuncle\n")
     assert held_out_names(tmp_path, []) == ("aunt", "uncle")
     assert held_out_names(tmp_path, ["me"]) == ("me",)
+
+
+def test_names_of_the_file_that_nobody_has_are_said(tmp_path: Path) -> None:
+    found = [
+        Found(name, tmp_path / name, "ZJU-MoCap", "zju-mocap")
+        for name in ("CoreView_anna", "CoreView_377")
+    ]
+    file = tmp_path / "held_out.txt"
+    assert unknown_held_out(tmp_path, found) == ()
+    file.write_text("anna\nzju-377\nCoreView_377\n")
+    assert unknown_held_out(tmp_path, found) == ()
+    file.write_text("Anna\nuncle\ncoreview_377\naunt\n")
+    anna, other, absent = unknown_held_out(tmp_path, found)
+    assert "Anna is no actor or sequence here, but anna is" in anna
+    assert "coreview_377 is no actor or sequence here, but CoreView_377 is" in other
+    assert "hold out nobody: uncle, aunt; there are CoreView_anna, CoreView_377." in absent
