@@ -71,6 +71,13 @@ def index_findings(header: SequenceHeader, index: Index) -> Iterator[Finding]:
             "pictures/row",
             f"does not name each of the {len(index.offset)} pictures exactly once",
         )
+    if not index.valid.any():
+        yield Finding(
+            "error",
+            "pictures/valid",
+            f"none of the {index.valid.size} pairs of a camera and a frame has a valid picture: "
+            "prepare the sequence again and see its report",
+        )
     unusable = int(((index.row >= 0) & ~index.valid).sum())
     if unusable:
         yield Finding("note", "pictures/valid", f"{unusable} stored pictures are marked unusable")

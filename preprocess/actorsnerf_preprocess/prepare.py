@@ -37,6 +37,7 @@ from actorsnerf_preprocess.run_report import (
     Report,
     Written,
     finished_settings,
+    lost_pictures,
     probe_notes,
     report_of,
     unusable_pictures,
@@ -171,7 +172,11 @@ class _Passes:
     def encode(
         self, probes: Sequence[Probe], plan: _Plan, outcomes: list[Outcome]
     ) -> Iterator[StoredPicture]:
-        """The pictures to write; what became of each is appended to `outcomes`."""
+        """The pictures to write; what became of each is appended to `outcomes`.
+
+        Raises:
+            SourceError: there is none.
+        """
         crops = {(p.camera, p.frame): placed_crop(p.box, plan.crop_size) for p in probes if p.box}
         masks = {(p.camera, p.frame): p.packed for p in probes}
         unseen = {probe.camera for probe in probes if probe.box and np.isnan(probe.inside)}
@@ -197,6 +202,8 @@ class _Passes:
                         yield stored
                     outcomes.append(_without_bytes(outcome))
                 bar.update(len(group))
+        if not any(outcome.stored for outcome in outcomes):
+            raise _nothing_usable(self._source, lost_pictures(probes, outcomes))
 
     def _tasks(self, frames_per_camera: Sequence[Sequence[int]]) -> Iterator[PictureTask]:
         step = self._source.reader.frames_per_task
@@ -222,18 +229,22 @@ def _without_bytes(outcome: Outcome) -> Outcome:
     return replace(outcome, stored=kept)
 
 
+def _nothing_usable(source: SourceSequence, lost: Sequence[tuple[str, str]]) -> SourceError:
+    reasons = unusable_pictures(lost)
+    listed = "; ".join(f"{one.count} x {one.reason} ({one.example})" for one in reasons)
+    cause = LIKELY_CAUSES.get(reasons[0].reason, "look at that file")
+    return SourceError(
+        f"{source.found.path}: none of the {len(lost)} pictures asked for is usable: {listed}:"
+        f" {cause}"
+    )
+
+
 def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptions) -> _Plan:
     usable = np.zeros(source.wanted.shape, np.bool_)
     for probe in probes:
         usable[probe.camera, probe.frame] = probe.box is not None
     if not usable.any():
-        reasons = unusable_pictures((p.reason, p.where) for p in probes)
-        first = f"{reasons[0].count} x {reasons[0].reason} ({reasons[0].example})"
-        cause = LIKELY_CAUSES.get(reasons[0].reason, "look at that file")
-        raise SourceError(
-            f"{source.found.path}: none of the {len(probes)} pictures asked for is usable: {first}:"
-            f" {cause}"
-        )
+        raise _nothing_usable(source, lost_pictures(probes))
     notes = [*source.notes, *probe_notes(probes)]
     listed: list[Protocol] = []
     names = [camera.name for camera in source.cameras]

@@ -26,6 +26,7 @@ LIKELY_CAUSES = {
     "mask elsewhere": "do cameras, fits and pictures belong together, in their units and order?",
     "body outside the picture": "are cameras and fits those of these pictures, in their units?",
     "empty mask": "was the segmentation run on these pictures?",
+    "empty stage where the body projects": "is this the video of this sequence and camera?",
     "missing": "were the pictures of this sequence downloaded?",
 }
 """Why pictures may be unusable for a reason, or what to do."""
@@ -86,6 +87,14 @@ class Written:
     seconds: float
 
 
+def lost_pictures(
+    probes: Iterable[Probe], outcomes: Iterable[Outcome] = ()
+) -> list[tuple[str, str]]:
+    """(reason, file) of the pictures that are not stored: the first pass's, then the second's."""
+    lost = [(probe.reason, probe.where) for probe in probes if probe.box is None]
+    return lost + [(found.reason, found.where) for found in outcomes if found.stored is None]
+
+
 def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...]:
     """Counts of (reason, file), the most frequent first, each with its first file.
 
@@ -127,8 +136,6 @@ def report_of(
         outcomes: of the second.
         written: the file.
     """
-    lost = [(p.reason, p.where) for p in probes if p.box is None]
-    lost += [(o.reason, o.where) for o in outcomes if o.stored is None]
     kept = [outcome for outcome in outcomes if outcome.stored is not None]
     cameras = []
     for index, camera in enumerate(source.cameras):
@@ -148,7 +155,7 @@ def report_of(
         bytes=written.path.stat().st_size,
         seconds=written.seconds,
         cameras=tuple(cameras),
-        unusable=unusable_pictures(lost),
+        unusable=unusable_pictures(lost_pictures(probes, outcomes)),
         stray=sum(probe.stray for probe in probes),
         touching=sum(outcome.touching for outcome in kept),
         findings=source.findings,

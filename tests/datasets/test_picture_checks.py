@@ -69,6 +69,20 @@ def test_row_and_valid_contradict_each_other(header: SequenceHeader, index: Inde
     ]
 
 
+def test_a_sequence_without_a_valid_picture_is_an_error(
+    header: SequenceHeader, index: Index
+) -> None:
+    none = dataclasses.replace(index, valid=np.zeros_like(index.valid))
+    assert [(f.severity, f.sentence) for f in index_findings(header, none)] == [
+        (
+            "error",
+            "none of the 36 pairs of a camera and a frame has a valid picture: prepare the "
+            "sequence again and see its report",
+        ),
+        ("note", "35 stored pictures are marked unusable"),
+    ]
+
+
 def test_protocols_that_ask_for_what_is_not_there(header: SequenceHeader, index: Index) -> None:
     (finding,) = protocol_findings(header, index)
     assert finding.severity == "warning"

@@ -45,6 +45,11 @@ def ignored(stage: Any) -> None:
     stage.ignore_list.write_text(f"{stage.tree.name} \n\n")
 
 
+def black_videos(stage: Any) -> None:
+    for camera in stage.tree.names:
+        stage.write_video(camera, [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * FRAMES)
+
+
 def frozen_video(stage: Any) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     stage.write_video("c02", [noise] * FRAMES)
@@ -134,6 +139,13 @@ REFUSED = (
         ),
     ),
     Fault("sequence on the ignore list", "or pass --accept-ignored", ignored),
+    Fault(
+        "all videos black, made masks",
+        r"none of the 24 pictures asked for is usable: 24 x empty stage where the body projects "
+        r"\(.*\): is this the video of this sequence and camera",
+        black_videos,
+        masks=False,
+    ),
     Fault("all videos truncated", "no view is usable. .* it is cut off", cut_videos),
 )
 

@@ -184,18 +184,20 @@ def test_nothing_usable_is_refused_and_nothing_written(
 
 
 class LateReader:
-    """A source whose masks are made while reading, and which loses a picture on the way."""
+    """A source whose masks are made while reading, and which loses pictures on the way."""
 
     frames_per_task = 2
 
-    def __init__(self, inner: Any) -> None:
+    def __init__(self, inner: Any, lost: Sequence[int] = (1,)) -> None:
         self._inner = inner
+        self._lost = lost
 
     def files(self, camera_index: int, frame_index: int) -> tuple[Path, ...]:
         return tuple(self._inner.files(camera_index, frame_index))
 
     def probe(self, camera_index: int, frame_index: int) -> Any:
-        return replace(self._inner.probe(camera_index, frame_index), mask=None, digest="")
+        found = self._inner.probe(camera_index, frame_index)
+        return found if isinstance(found, Absent) else replace(found, mask=None, digest="")
 
     def read_many(
         self, camera_index: int, frame_indices: Sequence[int]
@@ -203,7 +205,7 @@ class LateReader:
         for index, picture in zip(
             frame_indices, self._inner.read_many(camera_index, frame_indices), strict=True
         ):
-            yield Absent("video", "no picture") if index == 1 else picture
+            yield Absent("video", "no picture") if index in self._lost else picture
 
 
 def test_sources_that_make_masks_get_a_crop_from_the_body(
@@ -220,6 +222,24 @@ def test_sources_that_make_masks_get_a_crop_from_the_body(
         assert not any(
             "pictures with their masks" in path for path, _ in file.header.provenance.source_digests
         )
+
+
+def test_nothing_stored_in_the_second_pass_is_refused_and_nothing_written(
+    tree: Any, tmp_path: Path, tiny_body: Path
+) -> None:
+    (tree.root / "Camera_B2" / "000000.jpg").unlink()
+    source = opened(tree, tiny_body)
+    late = replace(source, reader=LateReader(source.reader, lost=range(3)))
+    out = tmp_path / "out"
+    out.mkdir()
+    for _ in range(2):  # the second run does not take it for finished
+        with pytest.raises(
+            SourceError,
+            match=r"none of the 6 pictures asked for is usable: 5 x no picture \(video\); "
+            r"1 x missing \(.*B2/000000.jpg\): look at that file",
+        ):
+            prepare_sequence(late, out, PrepareOptions())
+        assert list(out.iterdir()) == []
 
 
 def test_the_background_can_be_kept(tree: Any, tmp_path: Path, tiny_body: Path) -> None:
