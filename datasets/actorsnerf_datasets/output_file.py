@@ -5,9 +5,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from actorsnerf_datasets.file_lock import open_locked, remove_locked, rename_locked
+
 
 class OutputFile:
     """A new file whose first write error is kept, and raised when asked for.
+
+    It is locked until it is closed: no other process can write it.
 
     HDF5 cannot close a file whose writes fail: on a full disk it prints tracebacks and may crash
     the process. Here a failed write is remembered, later ones are dropped, and `raise_failure`
@@ -18,10 +22,13 @@ class OutputFile:
         """Create the file, or empty it.
 
         Raises:
+            FileInUseError: another process is writing it.
             OSError: it cannot be created.
         """
-        self._file = path.open("w+b", buffering=0)
+        self._path = path
+        self._file = open_locked(path)
         self._failure: OSError | None = None
+        self.truncate(0)
 
     def __enter__(self) -> "OutputFile":
         return self
@@ -51,6 +58,22 @@ class OutputFile:
         """
         self.raise_failure()
         os.fsync(self._file.fileno())
+
+    def rename(self, target: Path) -> None:
+        """Gives the file its final name; nothing may be written any more.
+
+        Raises:
+            OSError: it cannot be renamed.
+        """
+        rename_locked(self._file, self._path, target)
+
+    def remove(self) -> None:
+        """Removes the file, unless it was renamed.
+
+        Raises:
+            OSError: it cannot be removed.
+        """
+        remove_locked(self._file, self._path)
 
     def read(self, size: int) -> bytes:
         """As many bytes; what was dropped reads as zeros."""

@@ -1,7 +1,7 @@
 """Prepared sequences written: the only code that writes the layout.
 
 The same input gives a byte-identical file, and a file of the final name is always complete: it is
-written as `<name>.part`, synchronised to disk, and renamed.
+written as `<name>.part`, which is locked meanwhile, synchronised to disk, and renamed.
 """
 
 import hashlib
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from actorsnerf_datasets.digests import digest_of_arrays, digest_of_strings
 from actorsnerf_datasets.errors import LayoutError
+from actorsnerf_datasets.file_lock import FileInUseError
 from actorsnerf_datasets.header import Values, header_arrays, header_attributes
 from actorsnerf_datasets.layout import DIGEST_ATTRIBUTE, ENTRIES
 from actorsnerf_datasets.output_file import OutputFile
@@ -71,28 +72,19 @@ def write_sequence(
 
     Raises:
         LayoutError: the header's arrays do not fit together, a picture has another size or comes
-            twice, or the disk refuses (full, not writable).
+            twice, another process is writing the file, or the disk refuses (full, not writable).
     """
     arrays = header_arrays(header)
     _require_consistent(path, header, arrays)
-    part = path.with_name(path.name + ".part")
-    complete = False
-    try:
-        with _opened(path, part) as target:
-            _write_pictures(target, header, crop_size, pictures)
-            target.file.attrs.update(header_attributes(header))
-            for name, values in arrays.items():
-                _write_array(target.file, name, values)
-            for protocol in header.protocols:
-                _write_protocol(target.file, protocol)
-        with _disk_errors(path):
-            part.replace(path)
-        with suppress(OSError):  # some network file systems cannot synchronise a folder
-            _synchronise(path.parent)
-        complete = True
-    finally:
-        if not complete:
-            part.unlink(missing_ok=True)
+    with _opened(path) as target:
+        _write_pictures(target, header, crop_size, pictures)
+        target.file.attrs.update(header_attributes(header))
+        for name, values in arrays.items():
+            _write_array(target.file, name, values)
+        for protocol in header.protocols:
+            _write_protocol(target.file, protocol)
+    with suppress(OSError):  # some network file systems cannot synchronise a folder
+        _synchronise(path.parent)
 
 
 @dataclass(frozen=True)
@@ -113,6 +105,10 @@ class _Target:
 def _disk_errors(path: Path) -> Iterator[None]:
     try:
         yield
+    except FileInUseError as error:
+        raise LayoutError(
+            f"{path}: another preparation is writing it: wait for it or stop it, then try again"
+        ) from error
     except OSError as error:
         raise LayoutError(
             f"{path}: could not be written ({error}): is the disk full or the folder read-only? "
@@ -121,17 +117,23 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _opened(path: Path, part: Path) -> Iterator[_Target]:
+def _opened(path: Path) -> Iterator[_Target]:
+    """The file under its unfinished name, which becomes the final one, or is removed."""
     with _disk_errors(path):
-        output = OutputFile(part)
+        output = OutputFile(path.with_name(path.name + ".part"))
     with output:
-        file = h5py.File(output, "w", libver="earliest")
         try:
-            yield _Target(path, file, output)
-        finally:
-            file.close()
-        with _disk_errors(path):
-            output.synchronise()
+            file = h5py.File(output, "w", libver="earliest")
+            try:
+                yield _Target(path, file, output)
+            finally:
+                file.close()
+            with _disk_errors(path):
+                output.synchronise()
+                output.rename(path)
+        except BaseException:
+            output.remove()
+            raise
 
 
 def _require_consistent(path: Path, header: SequenceHeader, arrays: dict[str, Values]) -> None:

@@ -43,6 +43,7 @@ from actorsnerf_preprocess.run_report import (
     unusable_pictures,
     write_report,
 )
+from actorsnerf_preprocess.sole_run import sole_run
 from actorsnerf_preprocess.source import SourceError, SourceSequence, StageReader
 from actorsnerf_preprocess.usable_lists import usable_pairs, usable_protocol
 from actorsnerf_preprocess.workers import (
@@ -88,7 +89,8 @@ def prepare_sequence(
         The report, or None if the file was there already.
 
     Raises:
-        SourceError: no picture of the sequence is usable, or the disk refuses.
+        SourceError: no picture of the sequence is usable, another preparation is writing the same
+            file, or the disk refuses.
         LayoutError: the file cannot be written.
     """
     started = time.perf_counter()
@@ -101,22 +103,24 @@ def prepare_sequence(
     settings = settings_digest(source, picture_options)
     if path.is_file() and finished_settings(report_path) == settings:
         return None
-    report_path.unlink(missing_ok=True)
-    with job_file(out / f"{source.found.name}.job.part", Job(source, picture_options)) as file:
-        passes = _Passes(source, file, options, executor)
-        probes = passes.probe()
-        plan = _plan(source, probes, picture_options)
-        passes.estimate_stages(probes)
-        outcomes: list[Outcome] = []
-        write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
-    seconds = time.perf_counter() - started
-    notes = plan.header.provenance.notes
-    written = Written(path, settings, plan.crop_size, notes, seconds)
-    report = report_of(source, probes, outcomes, written)
-    if options.contact_sheet:
-        with SequenceFile(path) as sequence:
-            write_contact_sheet(sequence, out / f"{source.found.name}.png")
-    write_report(report_path, report)
+    with sole_run(path):
+        report_path.unlink(missing_ok=True)
+        job = Job(source, picture_options)
+        with job_file(out / f"{source.found.name}.job.part", job) as file:
+            passes = _Passes(source, file, options, executor)
+            probes = passes.probe()
+            plan = _plan(source, probes, picture_options)
+            passes.estimate_stages(probes)
+            outcomes: list[Outcome] = []
+            write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
+        seconds = time.perf_counter() - started
+        notes = plan.header.provenance.notes
+        written = Written(path, settings, plan.crop_size, notes, seconds)
+        report = report_of(source, probes, outcomes, written)
+        if options.contact_sheet:
+            with SequenceFile(path) as sequence:
+                write_contact_sheet(sequence, out / f"{source.found.name}.png")
+        write_report(report_path, report)
     return report
 
 

@@ -75,3 +75,16 @@ def test_what_was_dropped_reads_as_zeros(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_made(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         OutputFile(tmp_path / "gone" / "a")
+
+
+def test_what_was_there_is_gone_and_the_name_is_final(tmp_path: Path) -> None:
+    path = tmp_path / "a.part"
+    path.write_bytes(b"of a killed run")
+    with OutputFile(path) as output:
+        output.write(b"whole")
+        output.rename(tmp_path / "a")
+        output.remove()
+    assert [(entry.name, entry.read_bytes()) for entry in tmp_path.iterdir()] == [("a", b"whole")]
+    with OutputFile(path) as output:
+        output.remove()
+    assert not path.exists()

@@ -144,6 +144,24 @@ def test_an_error_among_the_pictures_is_passed_on_and_nothing_is_left(
     assert path.read_bytes() == b"the former file"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs flock")
+def test_a_second_writer_is_refused_and_the_first_file_is_whole(
+    header: SequenceHeader, stored_pictures: Pictures, tmp_path: Path
+) -> None:
+    path, alone = tmp_path / "a.h5", tmp_path / "alone.h5"
+
+    def pictures() -> Iterator[StoredPicture]:
+        for stored in stored_pictures():
+            yield stored
+            with pytest.raises(LayoutError, match=r"a.h5: another preparation is writing it: wait"):
+                write_sequence(path, header, SIZE, stored_pictures())
+
+    write_sequence(alone, header, SIZE, stored_pictures())
+    write_sequence(path, header, SIZE, pictures())
+    assert path.read_bytes() == alone.read_bytes()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.h5", "alone.h5"]
+
+
 def test_a_missing_folder_is_one_sentence(header: SequenceHeader, tmp_path: Path) -> None:
     with pytest.raises(LayoutError, match=r"no/a.h5: could not be written"):
         write_sequence(tmp_path / "no" / "a.h5", header, SIZE, [])

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from actorsnerf_datasets import output_file
+from actorsnerf_datasets.check import check_sequence
 from actorsnerf_preprocess import run_report
 from actorsnerf_preprocess.__main__ import main
 
@@ -142,6 +143,30 @@ def test_interrupted(scene: Any, record_property: Record) -> None:
     record_property("fault", "run interrupted (Ctrl-C)")
     record_property("reads", errors.strip())
     record_property("outcome", "refused (exit 130)")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_started_twice(scene: Any, record_property: Record) -> None:
+    content = stuck(scene)
+    with running(scene, 2) as process:
+        let_pass_once(scene, content)
+        before = sorted(path.name for path in scene.out.iterdir())
+        with running(scene, 1) as second:
+            _, errors = second.communicate(timeout=PATIENCE)
+        assert second.returncode == 2
+        (line,) = errors.splitlines()
+        assert sorted(path.name for path in scene.out.iterdir()) == before
+        scene.picture(2, 3).write_bytes(content)
+        _, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, "")
+    assert "CoreView_377.h5: another preparation is writing it: wait for it or stop it" in line
+    names = [f"CoreView_377.{kind}" for kind in ("h5", "json", "png")]
+    assert sorted(path.name for path in scene.out.iterdir()) == names
+    found = check_sequence(scene.out / "CoreView_377.h5", scene.body)
+    assert [one for one in found if one.severity == "error"] == []
+    record_property("fault", "the same command started twice at once")
+    record_property("reads", line.replace(f"{scene.home}/", ""))
+    record_property("outcome", "refused")
 
 
 @pytest.mark.parametrize("limit", [3_000, 80_000], ids=["job", "pictures"])
