@@ -54,7 +54,9 @@ def usable(sequence: SequenceFile, camera: int, frames: Sequence[int], what: str
         why = (
             "the preparation found no usable fit or mask (see its report)"
             if stored
-            else "it was not prepared; prepare again with --all-pairs"
+            else "it is not stored: either it could not be, then the preparation's report "
+            f"{sequence.path.with_suffix('.json').name} says why, or it was not asked for, then "
+            "prepare again with --all-pairs"
         )
         raise UserError(
             f"{sequence.path}: camera {sequence.header.cameras[camera].name} has no valid picture "

@@ -7,9 +7,9 @@ written as `<name>.part`, which is locked meanwhile, synchronised to disk, and r
 import hashlib
 import os
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -48,6 +48,14 @@ class StoredPicture:
     them."""
 
 
+@dataclass(frozen=True)
+class Conclusion:
+    """What is known of a sequence once its pictures are written."""
+
+    protocols: tuple[Protocol, ...]
+    notes: tuple[str, ...]
+
+
 def encode_picture(picture: Picture) -> tuple[bytes, bytes]:
     """The picture's colours and alpha as compressed chunks; runs well in worker processes."""
     return (
@@ -61,6 +69,7 @@ def write_sequence(
     header: SequenceHeader,
     crop_size: tuple[int, int],
     pictures: Iterable[StoredPicture],
+    conclude: Callable[[], Conclusion] | None = None,
 ) -> None:
     """Leaves a complete prepared sequence at `path`, or nothing there.
 
@@ -69,6 +78,8 @@ def write_sequence(
         header: all but the pictures.
         crop_size: width, height of every stored picture.
         pictures: consumed one at a time, stored in this order.
+        conclude: called after the last picture; gives the protocols and notes to write in place of
+            the header's.
 
     Raises:
         LayoutError: the header's arrays do not fit together, a picture has another size or comes
@@ -78,6 +89,8 @@ def write_sequence(
     _require_consistent(path, header, arrays)
     with _opened(path) as target:
         _write_pictures(target, header, crop_size, pictures)
+        if conclude is not None:
+            header = _with_conclusion(header, conclude())
         target.file.attrs.update(header_attributes(header))
         for name, values in arrays.items():
             _write_array(target.file, name, values)
@@ -85,6 +98,11 @@ def write_sequence(
             _write_protocol(target.file, protocol)
     with suppress(OSError):  # some network file systems cannot synchronise a folder
         _synchronise(path.parent)
+
+
+def _with_conclusion(header: SequenceHeader, found: Conclusion) -> SequenceHeader:
+    provenance = replace(header.provenance, notes=found.notes)
+    return replace(header, protocols=found.protocols, provenance=provenance)
 
 
 @dataclass(frozen=True)

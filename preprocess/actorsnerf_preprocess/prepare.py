@@ -2,7 +2,8 @@
 
 The first pass reads masks and finds each person's box; the largest gives the sequence's crop size.
 Where masks are made, each camera's empty stage is estimated next. The second pass decodes,
-undistorts, resizes, cuts and compresses in worker processes; this process only writes the chunks.
+undistorts, resizes, cuts and compresses in worker processes; this process only writes the chunks,
+and last the protocols' lists, without the pictures that either pass lost.
 Neither order nor bytes depend on the number of workers.
 """
 
@@ -10,17 +11,17 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from actorsnerf_datasets.contact_sheet import write_contact_sheet
-from actorsnerf_datasets.protocols import needed_pairs, with_automatic_lists
 from actorsnerf_datasets.reader import SequenceFile
-from actorsnerf_datasets.types import Int64, Protocol, Provenance, SequenceHeader
+from actorsnerf_datasets.types import Provenance, SequenceHeader
 from actorsnerf_datasets.writer import StoredPicture, write_sequence
+from actorsnerf_preprocess.conclusion import concluded
 from actorsnerf_preprocess.picture_tasks import (
     EncodeTask,
     Outcome,
@@ -38,14 +39,12 @@ from actorsnerf_preprocess.run_report import (
     Written,
     finished_settings,
     lost_pictures,
-    probe_notes,
     report_of,
     unusable_pictures,
     write_report,
 )
 from actorsnerf_preprocess.sole_run import sole_run
 from actorsnerf_preprocess.source import SourceError, SourceSequence, StageReader
-from actorsnerf_preprocess.usable_lists import usable_pairs, usable_protocol
 from actorsnerf_preprocess.workers import (
     TASKS_AHEAD,
     Job,
@@ -112,10 +111,11 @@ def prepare_sequence(
             plan = _plan(source, probes, picture_options)
             passes.estimate_stages(probes)
             outcomes: list[Outcome] = []
-            write_sequence(path, plan.header, plan.crop_size, passes.encode(probes, plan, outcomes))
+            pictures = passes.encode(probes, plan, outcomes)
+            conclude = cache(lambda: concluded(source, probes, outcomes, options.scale))
+            write_sequence(path, plan.header, plan.crop_size, pictures, conclude)
         seconds = time.perf_counter() - started
-        notes = plan.header.provenance.notes
-        written = Written(path, settings, plan.crop_size, notes, seconds)
+        written = Written(path, settings, plan.crop_size, conclude().notes, seconds)
         report = report_of(source, probes, outcomes, written)
         if options.contact_sheet:
             with SequenceFile(path) as sequence:
@@ -129,6 +129,7 @@ class _Plan:
     """What is known before any image is decoded."""
 
     header: SequenceHeader
+    """With the source's protocols and notes, which what becomes of the pictures may change."""
     crop_size: tuple[int, int]
 
 
@@ -244,48 +245,16 @@ def _nothing_usable(source: SourceSequence, lost: Sequence[tuple[str, str]]) -> 
 
 
 def _plan(source: SourceSequence, probes: Sequence[Probe], options: PictureOptions) -> _Plan:
-    usable = np.zeros(source.wanted.shape, np.bool_)
-    for probe in probes:
-        usable[probe.camera, probe.frame] = probe.box is not None
-    if not usable.any():
+    if not any(probe.box for probe in probes):
         raise _nothing_usable(source, lost_pictures(probes))
-    notes = [*source.notes, *probe_notes(probes)]
-    listed: list[Protocol] = []
-    names = [camera.name for camera in source.cameras]
-    pairs = usable_pairs(names, source.frames, usable)
-    for protocol in source.protocols:
-        camera = names.index(protocol.training_camera)
-        complete = with_automatic_lists(
-            protocol,
-            source.frames,
-            source.fits,
-            stored_camera(source.cameras[camera], options.scale),
-            usable[camera] & _used(protocol, source.frames),
-        )
-        changed, changes = usable_protocol(complete, pairs)
-        listed.append(changed)
-        notes.extend(changes)
     return _Plan(
-        _header(source, tuple(listed), tuple(notes), probes, options),
+        _header(source, probes, options),
         crop_size(probe.box for probe in probes if probe.box),
     )
 
 
-def _used(protocol: Protocol, frames: Int64) -> NDArray[np.bool_]:
-    """(F,) whether the protocol uses the training camera's picture of a frame.
-
-    Pictures that are prepared beyond the protocol's do not change its lists.
-    """
-    used = [frame for camera, frame in needed_pairs(protocol) if camera == protocol.training_camera]
-    return np.isin(frames, used)
-
-
 def _header(
-    source: SourceSequence,
-    protocols: tuple[Protocol, ...],
-    notes: tuple[str, ...],
-    probes: Sequence[Probe],
-    options: PictureOptions,
+    source: SourceSequence, probes: Sequence[Probe], options: PictureOptions
 ) -> SequenceHeader:
     digest = pictures_digest(probe.digest for probe in probes)
     digests = source.source_digests
@@ -299,7 +268,7 @@ def _header(
         frames=source.frames,
         fits=source.fits,
         shape=source.shape,
-        protocols=protocols,
+        protocols=source.protocols,
         provenance=Provenance(
             dataset=source.found.dataset,
             variant=source.found.variant,
@@ -308,7 +277,7 @@ def _header(
             background="kept" if options.keep_background else "dropped",
             mask_source=source.mask_source,
             source_terms=source.source_terms,
-            notes=notes,
+            notes=source.notes,
             source_digests=digests,
         ),
     )

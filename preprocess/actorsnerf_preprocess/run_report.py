@@ -107,9 +107,9 @@ def unusable_pictures(reasons: Iterable[tuple[str, str]]) -> tuple[Unusable, ...
     return tuple(Unusable(r, n, first[r]) for r, n in counts.most_common())
 
 
-def probe_notes(probes: Sequence[Probe]) -> list[str]:
-    """What a prepared file says about the masks of its pictures."""
-    unusable = unusable_pictures((p.reason, p.where) for p in probes if p.box is None)
+def picture_notes(probes: Sequence[Probe], outcomes: Sequence[Outcome]) -> list[str]:
+    """What a prepared file says about its pictures and their masks."""
+    unusable = unusable_pictures(lost_pictures(probes, outcomes))
     notes = [
         f"{one.count} of {len(probes)} pictures are not stored: {one.reason}." for one in unusable
     ]

@@ -74,6 +74,8 @@ def test_the_official_list_comes_first_unless_named(
 def test_usable_says_why_not(file: SequenceFile) -> None:
     usable(file, 0, (100, 105, 111), "frames")
     with pytest.raises(
-        UserError, match=r"camera c03 has no valid picture of 1 of the 2 supports, "
+        UserError,
+        match=r"camera c03 has no valid picture of 1 of the 2 supports, first of frame 111: it is "
+        r"not stored: either .* report anna\.json says why, or .* prepare again with --all-pairs\.",
     ):
         usable(file, 2, (105, 111), "supports")

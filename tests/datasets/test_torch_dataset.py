@@ -153,7 +153,7 @@ def test_vertices_project_onto_the_person(sequence_path: Path) -> None:
         ("c09", 104, r"anna\.h5: has no camera 'c09'; it has c01, c02, c03"),
         (7, 104, r"anna\.h5: has no camera at position 7; it has 3\."),
         ("c01", 99, r"anna\.h5: has no frame 99; it has 12 from 100 to 111"),
-        ("c03", 111, r"camera c03 has no valid picture .* frame 111: it was not prepared; .*all-"),
+        ("c03", 111, r"camera c03 has no valid picture .* frame 111: it is not stored: .*all-"),
     ],
 )
 def test_a_view_that_is_not_there(

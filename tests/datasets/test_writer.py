@@ -16,7 +16,7 @@ from actorsnerf_datasets.digests import digest_of_dataset
 from actorsnerf_datasets.errors import LayoutError
 from actorsnerf_datasets.layout import ENTRIES, ROOT_ATTRIBUTES
 from actorsnerf_datasets.types import Picture, SequenceHeader
-from actorsnerf_datasets.writer import StoredPicture, encode_picture, write_sequence
+from actorsnerf_datasets.writer import Conclusion, StoredPicture, encode_picture, write_sequence
 
 SIZE = (48, 64)
 Pictures = Callable[[], Iterator[StoredPicture]]
@@ -67,6 +67,32 @@ def test_contents_at_hand_give_the_same_bytes(
     one, other = tmp_path / "one.h5", tmp_path / "other.h5"
     write_sequence(one, header, SIZE, stored_pictures())
     write_sequence(other, header, SIZE, with_content())
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_protocols_and_notes_may_be_concluded_from_the_pictures(
+    header: SequenceHeader, stored_pictures: Pictures, tmp_path: Path
+) -> None:
+    written: list[StoredPicture] = []
+
+    def pictures() -> Iterator[StoredPicture]:
+        for stored in stored_pictures():
+            written.append(stored)
+            yield stored
+
+    one, other = tmp_path / "one.h5", tmp_path / "other.h5"
+    conclusion = Conclusion(header.protocols[:1], ("35 pictures.",))
+    before = dataclasses.replace(header, protocols=())
+    write_sequence(
+        one,
+        before,
+        SIZE,
+        pictures(),
+        lambda: dataclasses.replace(conclusion, notes=(f"{len(written)} pictures.",)),
+    )
+    provenance = dataclasses.replace(header.provenance, notes=conclusion.notes)
+    after = dataclasses.replace(header, protocols=conclusion.protocols, provenance=provenance)
+    write_sequence(other, after, SIZE, stored_pictures())
     assert one.read_bytes() == other.read_bytes()
 
 

@@ -219,6 +219,11 @@ def test_sources_that_make_masks_get_a_crop_from_the_body(
     assert [(one.reason, one.count) for one in report.unusable] == [("no picture", 2)]
     with SequenceFile(tmp_path / "CoreView_377.h5") as file:
         assert file.valid.tolist() == [[True, False, True]] * 2
+        notes = file.header.provenance.notes
+        assert notes == report.notes
+        assert "2 of 6 pictures are not stored: no picture." in notes
+        assert file.header.protocols[0].pretraining_frames == (0, 2)
+        assert "1 of 3 pre-training frames are unusable and left out: 1." in notes
         assert not any(
             "pictures with their masks" in path for path, _ in file.header.provenance.source_digests
         )
