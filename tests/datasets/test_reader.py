@@ -76,7 +76,7 @@ def test_names_and_numbers_are_found_or_named(sequence_path: Path) -> None:
         with pytest.raises(LayoutError, match=f"has no frame {number}; it has 12 from 100 to 111"):
             sequence.frame_index(number)
     with pytest.raises(
-        LayoutError, match=r"no picture of camera c03, frame 111 is stored; to have"
+        LayoutError, match=r"no picture of camera c03, frame 111 is stored; its report says why"
     ):
         sequence.picture(2, 11)
 
