@@ -204,7 +204,8 @@ class SequenceFile:
         if row < 0:
             raise LayoutError(
                 f"{self.path}: no picture of camera {self.header.cameras[camera].name}, frame "
-                f"{self.header.frames[frame]} is stored; its report says why (to have all, prepare with --all-pairs)"
+                f"{self.header.frames[frame]} is stored; its report says why (to have all, prepare "
+                "with --all-pairs)"
             )
         return row
 
