@@ -50,6 +50,8 @@ class FilledActor(Generic[ActorState]):
 
     actor: ActorState
     cells: FilledCells
+    around: FilledCells
+    """The same with the neighbours of filled cells."""
 
 
 class SkipEmpty(Generic[ActorState]):
@@ -82,7 +84,8 @@ class SkipEmpty(Generic[ActorState]):
         poses.insert(0, self.method.pose_state(actor, torch.zeros_like(rest), rest))
         needed = REACH * threshold
         cells = filled_cells(self.method, actor, poses, canonical_box(rest), needed)
-        return FilledActor(actor, cells)
+        near = F.max_pool3d(cells.filled[None].float(), 3, 1, 1)[0] > 0
+        return FilledActor(actor, cells, replace(cells, filled=near))
 
     def pose_state(
         self,
@@ -102,8 +105,6 @@ class SkipEmpty(Generic[ActorState]):
     ) -> Occupancy:
         """The occupied cells with a corner in a filled cell, or in a neighbour of one."""
         cells = occupancy.cells
-        near = F.max_pool3d(actor.cells.filled[None].float(), 3, 1, 1)[0] > 0
-        around = replace(actor.cells, filled=near)
         asked = F.max_pool3d(F.pad(cells[None].float(), [1] * 6), 2, 1)[0] > 0
         edge = (occupancy.box[1] - occupancy.box[0]) / torch.tensor(cells.shape).to(occupancy.box)
         nodes = asked.nonzero()
@@ -111,7 +112,7 @@ class SkipEmpty(Generic[ActorState]):
         holds = torch.zeros_like(asked)
         for some in torch.split(nodes, at_once(POINTS_AT_ONCE, nodes.device)):
             located = self.method.locate(actor.actor, pose, occupancy.box[0] + edge * some, needed)
-            full = may_hold(around, located.canonical)
+            full = may_hold(actor.around, located.canonical)
             x, y, z = some[located.index[full]].unbind(-1)
             holds[x, y, z] = True
         return replace(occupancy, cells=cells & (F.max_pool3d(holds[None].float(), 2, 1)[0] > 0))
