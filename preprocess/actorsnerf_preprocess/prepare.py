@@ -9,7 +9,7 @@ Neither order nor bytes depend on the number of workers.
 
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -32,6 +32,7 @@ from actorsnerf_preprocess.picture_tasks import (
 )
 from actorsnerf_preprocess.pictures import PictureOptions, stored_camera
 from actorsnerf_preprocess.probes import Probe, crop_size, placed_crop
+from actorsnerf_preprocess.process_team import ProcessTeam
 from actorsnerf_preprocess.resume import pictures_digest, settings_digest
 from actorsnerf_preprocess.run_report import (
     LIKELY_CAUSES,
@@ -148,7 +149,7 @@ class _Passes:
         self._executor = executor
         # Passing on costs less than unpacking within this machine, if memory holds the results.
         self._with_content = source.reader.frames_per_task <= CONTENTS_PER_TASK and (
-            executor is None or isinstance(executor, ProcessPoolExecutor)
+            executor is None or isinstance(executor, ProcessTeam)
         )
         self._ahead = TASKS_AHEAD * max(options.workers, 1)
         self._progress = options.progress

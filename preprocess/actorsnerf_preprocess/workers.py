@@ -12,25 +12,24 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 
 from actorsnerf_datasets.types import Camera
 from actorsnerf_preprocess.pictures import Lens, PictureOptions, lens_of, stored_camera
+from actorsnerf_preprocess.process_team import ProcessTeam
 from actorsnerf_preprocess.source import SourceError, SourceSequence
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 TASKS_AHEAD = 3
 """Tasks per worker that are handed out before their results are needed."""
-WATCH_INTERVAL = 0.5
-"""Seconds between two looks at whether all workers live."""
 
 
 @dataclass(frozen=True)
@@ -105,33 +104,11 @@ def team(workers: int) -> Iterator[Executor | None]:
     if workers <= 1:
         yield None
         return
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
-    over = threading.Event()
-    threading.Thread(target=_watch_over, args=(executor, over), daemon=True).start()
+    executor = ProcessTeam(workers, _start_worker)
     try:
         yield executor
     finally:
         executor.shutdown(cancel_futures=True)
-        over.set()
-
-
-def _watch_over(executor: ProcessPoolExecutor, over: threading.Event) -> None:
-    """Ends a team one of whom was killed in the middle of handing in a result.
-
-    The executor notices killed workers, but not while it waits for the rest of such a result: the
-    others, and this process, keep the pipe open that it reads from. The standard library has no
-    public way to close it.
-    """
-    results: Any = executor._result_queue
-    workers: set[multiprocessing.process.BaseProcess] = set()
-    while not over.wait(WATCH_INTERVAL):
-        workers |= set(multiprocessing.active_children())
-        if any(worker.exitcode for worker in workers):
-            for worker in workers:
-                worker.kill()
-            results._writer.close()
-            return
 
 
 def in_order(
