@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from actorsnerf_datasets import protocols
 from actorsnerf_datasets.body_model import BodyModel, load_body_model
 from actorsnerf_datasets.published import AIST_SEQUENCES
-from actorsnerf_datasets.types import BodyFits, Int64, Protocol
+from actorsnerf_datasets.types import BodyFits, Int64, Protocol, Role
 from actorsnerf_preprocess.aist_annotations import (
     read_keypoints,
 )
@@ -197,16 +197,16 @@ def dance_protocol(
 ) -> Protocol:
     """The published protocol of a sequence, or the generic one with the role the user gave.
 
-    Any dance of a published test dancer is held out.
+    Any dance of a published test dancer is held out, and so is a published pre-training dancer whom
+    the user names as held out.
     """
-    official = protocols.aist_protocol(sequence, cameras, frames)
-    if official is not None:
-        return official
     dancer = dancer_of(sequence)
-    held_out = {dancer, sequence} & set(options.held_out) or protocols.aist_role(
-        dancer
-    ) == "held_out"
-    return protocols.generic_protocol("held_out" if held_out else "pretraining", cameras, frames)
+    named = {dancer, sequence} & set(options.held_out)
+    role: Role = "held_out" if named or protocols.aist_role(dancer) == "held_out" else "pretraining"
+    official = protocols.aist_protocol(sequence, cameras, frames)
+    if official is not None and official.role == role:
+        return official
+    return protocols.generic_protocol(role, cameras, frames)
 
 
 def protocol_findings(

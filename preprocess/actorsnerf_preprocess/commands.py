@@ -32,9 +32,9 @@ class Reading:
     """Your own network (.onnx or TorchScript) that makes the masks of AIST++'s videos where none
     are given: 1x3xHxW RGB in [0, 1] to 1x1xHxW shares in [0, 1]. Left out: made without one."""
     held_out: tuple[str, ...] = ()
-    """Actors outside the published lists that are held out for testing; also one per line in
-    <source>/held_out.txt. The others are for pre-training; the test actors of the published lists
-    are held out unasked."""
+    """Actors that are held out for testing, by generic lists where none are published; also one per
+    line in <source>/held_out.txt. The others are for pre-training; the test actors of the published
+    lists are held out unasked."""
     all_pairs: bool = False
     """Every picture of every camera, not only those that the protocol uses. Of AIST++ that is 60
     pictures per second in place of the protocol's 15."""

@@ -24,15 +24,16 @@ def protocol_of(
 ) -> Protocol:
     """The published protocol of a subject, or the generic one with the role the user gave.
 
-    A published test actor is held out in either.
+    A published test actor is held out in either, and so is a published pre-training actor whom the
+    user names as held out.
     """
     numbers = np.array(frames, np.int64)
-    official = protocols.zju_protocol(subject_of(found.path.name), list(cameras), numbers)
-    if official is not None and found.dataset != "synthetic":
+    subject = subject_of(found.path.name)
+    named = {found.name, found.path.name, actor_of(found), subject} & set(options.held_out)
+    role: Role = "held_out" if named or published_role(found) == "held_out" else "pretraining"
+    official = protocols.zju_protocol(subject, list(cameras), numbers)
+    if official is not None and official.role == role and found.dataset != "synthetic":
         return official
-    names = {found.name, found.path.name, actor_of(found), subject_of(found.path.name)}
-    held_out = names & set(options.held_out) or published_role(found) == "held_out"
-    role: Role = "held_out" if held_out else "pretraining"
     return protocols.generic_protocol(role, list(cameras), numbers)
 
 
@@ -73,6 +74,8 @@ def protocol_notes(
         return tuple(finding.sentence for finding in warnings)
     if published_role(found) is None:
         return (f"The actor is in no published list and counts as {protocol.role}.",)
+    if protocol.role != published_role(found):
+        return ("A published pre-training actor, held out because the user named it.",)
     return (
         f"The published protocol does not apply to these {len(frames)} frames; the actor counts as "
         f"{protocol.role}.",

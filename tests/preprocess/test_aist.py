@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from actorsnerf_datasets.cameras import camera_centre
+from actorsnerf_datasets.published import AIST_SEQUENCES
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_preprocess import aist_reader
 from actorsnerf_preprocess.aist import (
@@ -185,6 +186,17 @@ def test_a_test_dancer_is_held_out_also_without_what_its_protocol_needs(
     official = dance_protocol(sequence, OpenOptions(), ["c01", "c02"], np.arange(200, 2400, 4))
     assert official.name == "actorsnerf-aist"
     assert protocol_findings(sequence, official, ["c01", "c02"], frames) == ()
+
+
+@pytest.mark.parametrize("by_sequence", [False, True])
+def test_a_published_dancer_is_held_out_where_the_user_says_so(by_sequence: bool) -> None:
+    sequence, frames = AIST_SEQUENCES["d01"], np.arange(200, 2400, 4)
+    options = OpenOptions(held_out=(sequence if by_sequence else "d01",))
+    protocol = dance_protocol(sequence, options, ["c01", "c02"], frames)
+    assert (protocol.name, protocol.role) == ("generic", "held_out")
+    assert protocol.shots
+    published = dance_protocol(sequence, OpenOptions(), ["c01", "c02"], frames)
+    assert (published.name, published.role) == ("actorsnerf-aist", "pretraining")
 
 
 def test_the_survey_needs_no_body_model(aist: Any) -> None:

@@ -84,6 +84,19 @@ def test_an_actor_is_held_out_by_any_of_its_names(name: str) -> None:
     assert protocol_of(subject("my_uncle"), options, CAMERAS, FRAMES).role == "pretraining"
 
 
+@pytest.mark.parametrize("name", ["377", "zju-377", "CoreView_377"])
+def test_a_published_actor_is_held_out_where_the_user_says_so(name: str) -> None:
+    found, options, frames = subject("CoreView_377"), OpenOptions(held_out=(name,)), range(400)
+    protocol = protocol_of(found, options, CAMERAS, tuple(frames))
+    assert (protocol.name, protocol.role) == ("generic", "held_out")
+    assert protocol.shots
+    (note,) = protocol_notes(found, protocol, CAMERAS, tuple(frames))
+    assert note == "A published pre-training actor, held out because the user named it."
+    options = OpenOptions(held_out=("387",))
+    tester = protocol_of(subject("CoreView_387"), options, CAMERAS, tuple(range(600)))
+    assert tester.name == "actorsnerf-zju"
+
+
 def test_only_the_pairs_of_the_protocol_are_wanted_unless_all_are_asked_for() -> None:
     protocol = protocol_of(subject("aunt"), OpenOptions(), CAMERAS, FRAMES)
     wanted = wanted_pairs(protocol, OpenOptions(), CAMERAS, FRAMES)

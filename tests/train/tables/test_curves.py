@@ -56,6 +56,13 @@ def test_a_line_is_the_mean_over_actors_and_seeds_at_common_steps(
     assert line.category_seconds == 2000.0
 
 
+def test_lines_are_in_the_order_of_their_shots(write: "WriteResult", tmp_path: Path) -> None:
+    for setting in ("short-video", "fewshot-10", "fewshot-5"):
+        write(SCORES, curve=curve((10, 4.0, 90.0)), setting=setting)
+    found = [line.setting[0] for line in make_lines(measured(gather([tmp_path])))]
+    assert found == ["fewshot-5", "fewshot-10", "short-video"]
+
+
 def test_without_a_common_step_there_is_no_line(write: "WriteResult", tmp_path: Path) -> None:
     write(SCORES, curve=curve((10, 4.0, 90.0)))
     write(SCORES, curve=curve((20, 4.0, 90.0)), seed=1)

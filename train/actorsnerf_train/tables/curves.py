@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.result import CurvePoint, MeanRow
-from actorsnerf_train.tables.entry import Entry
+from actorsnerf_train.tables.entry import Entry, reading_order
 from actorsnerf_train.tables.table import Row, Table, make_table
 
 PLATEAU_SHARE = 0.2
@@ -66,9 +66,9 @@ def measured(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 
 def make_lines(entries: Sequence[Entry]) -> tuple[Line, ...]:
-    """The mean curve of every method in every setting, of measured entries."""
+    """The mean curve of every method in every setting, of measured entries; in reading order."""
     groups: dict[tuple[Setting, str], list[Entry]] = {}
-    for entry in entries:
+    for entry in sorted(entries, key=reading_order):
         groups.setdefault((_setting(entry), entry.label), []).append(entry)
     return tuple(_line(label, setting, mine) for (setting, label), mine in groups.items())
 

@@ -62,6 +62,17 @@ def label_from(method: str, without: Sequence[str], scratch: bool) -> str:
     return ", ".join([name, *notes, *(["from scratch"] if scratch else [])])
 
 
+def reading_order(entry: Entry) -> tuple[bool, int, str, str]:
+    """A sort key: settings by their shots, the short video last; then by list and label."""
+    result = entry.result
+    return (
+        result.setting == "short-video",
+        result.shots or 0,
+        result.list_name or "",
+        entry.label,
+    )
+
+
 def gather(places: Sequence[Path]) -> tuple[Entry, ...]:
     """The few-shot evaluations below some folders, in the order of their paths.
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from actorsnerf_train.metrics import ConventionName
 from actorsnerf_train.result import MeanRow
-from actorsnerf_train.tables.entry import Entry
+from actorsnerf_train.tables.entry import Entry, reading_order
 
 Budget = Literal["steps", "time"]
 Measure = Callable[[Entry], MeanRow]
@@ -82,25 +82,24 @@ def make_table(
     """
     measure = measure or (lambda entry: entry.mean(convention))
     actors = tuple(sorted({entry.result.actor for entry in entries}))
-    groups: dict[tuple[str, int, str, str], list[Entry]] = {}
-    for entry in entries:
+    groups: dict[tuple[str, str, str], list[Entry]] = {}
+    for entry in sorted(entries, key=reading_order):
         result = entry.result
-        key = (result.setting or "", result.shots or 0, result.list_name or "", entry.label)
+        key = (result.setting or "", result.list_name or "", entry.label)
         groups.setdefault(key, []).append(entry)
-    order = sorted(groups, key=lambda key: (key[0] == "short-video", key[1], key[2], key[3]))
-    rows = tuple(_row(key, groups[key], actors, measure) for key in order)
+    rows = tuple(_row(key, mine, actors, measure) for key, mine in groups.items())
     first = entries[0].result
     limited = any(entry.result.limited for entry in entries)
     return Table(convention, first.dataset, first.preset, actors, rows, limited)
 
 
 def _row(
-    key: tuple[str, int, str, str],
+    key: tuple[str, str, str],
     entries: Sequence[Entry],
     actors: tuple[str, ...],
     measure: Measure,
 ) -> Row:
-    setting, _, list_name, label = key
+    setting, list_name, label = key
     by_actor = {
         actor: [entry for entry in entries if entry.result.actor == actor] for actor in actors
     }
