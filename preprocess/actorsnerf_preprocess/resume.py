@@ -11,13 +11,16 @@ import numpy as np
 from actorsnerf_preprocess.pictures import PictureOptions
 from actorsnerf_preprocess.source import SourceSequence
 
+PREPARATION = 1
+"""Of what a preparation makes of the same input: raised by every change of its files' content."""
+
 
 def settings_digest(source: SourceSequence, options: PictureOptions) -> str:
-    """Hex SHA-256 over the options, everything read so far, and each picture file's size and time.
+    """Hex SHA-256 over `PREPARATION`, the options, everything read so far, and the picture files.
 
     Picture files are not read: a changed picture is noticed by its size or its modification time.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(f"preparation {PREPARATION}".encode())
     digest.update(json.dumps(asdict(options), sort_keys=True).encode())
     for array in (source.frames, source.wanted, *vars(source.fits).values()):
         digest.update(np.ascontiguousarray(array).tobytes())

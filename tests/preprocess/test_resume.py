@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from actorsnerf_preprocess.pictures import PictureOptions
 from actorsnerf_preprocess.resume import pictures_digest, settings_digest
 from actorsnerf_preprocess.source import OpenOptions
@@ -13,7 +15,7 @@ WriteTree = Callable[..., Any]
 
 
 def test_everything_that_decides_the_file_changes_the_digest(
-    tmp_path: Path, write_zju: WriteTree, tiny_body: Path
+    tmp_path: Path, write_zju: WriteTree, tiny_body: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_zju(tmp_path / "CoreView_377", frames=range(2), cameras=2)
     options = PictureOptions()
@@ -36,7 +38,9 @@ def test_everything_that_decides_the_file_changes_the_digest(
     os.utime(mask, (1, 1))
     touched = settings_digest(source, options)
     mask.unlink()
-    assert len({first, touched, settings_digest(source, options)}) == 3
+    gone = settings_digest(source, options)
+    monkeypatch.setattr("actorsnerf_preprocess.resume.PREPARATION", 0)
+    assert len({first, touched, gone, settings_digest(source, options)}) == 4
 
 
 def test_pictures_have_one_digest_in_order() -> None:
