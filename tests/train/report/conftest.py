@@ -113,7 +113,7 @@ def report() -> SpeedReport:
         checkpoint="run/step.json",
         data="eve.h5",
         data_sha256="0" * 64,
-        method="actorsnerf",
+        method="ActorsNeRF",
         preset="tiny",
         step=7,
         samples_per_ray=8,

@@ -59,7 +59,7 @@ def test_a_report_leaves_json_table_and_plot(options: ReportOptions) -> None:
     assert names == ["reference", "complete", "exact", "half-samples"]
     assert actor["points"][2]["reference_largest"] <= 1 / 255
     assert actor["points"][0]["psnr"] is None  # a share of the rays only
-    assert told[0].startswith(f"eve: use {actor['recommended']}")
+    assert told[0].startswith(f"eve, {actor['method']}: use {actor['recommended']}")
     text = (options.out / "report.md").read_text()
     assert "LPIPS not computed" in text and f"**Use `{actor['recommended']}`**" in text
 
@@ -77,7 +77,7 @@ def test_a_report_on_neural_body(options: ReportOptions, neuralbody_run: Path) -
         )
     )
     (actor,) = json.loads((options.out / "report.json").read_text())["actors"]
-    assert actor["method"] == "neuralbody"
+    assert actor["method"] == "Neural Body"
     assert [row["name"] for row in actor["points"]][-1] == "fast"
     assert actor["points"][1]["reference_largest"] <= 1 / 255
     assert actor["parts"] == [] and len(actor["training"]) == 2

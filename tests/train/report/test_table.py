@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from actorsnerf_train.report.rows import SpeedReport
@@ -47,5 +48,31 @@ def test_the_table_says_what_was_measured(report: SpeedReport) -> None:
 
 def test_the_terminal_hears_the_choice(report: SpeedReport) -> None:
     told = summary(report)
-    assert told[0].startswith("eve: use fast (what fast does): 500 ms a frame, 200 times")
+    assert told[0].startswith(
+        "eve, ActorsNeRF: use fast (what fast does): 500 ms a frame, 200 times"
+    )
     assert told[1] == "  nobody should use: reference"
+
+
+def test_models_of_one_actor_stand_beside_each_other(report: SpeedReport) -> None:
+    assert "beside each other" not in markdown(report)
+    (eve,) = report.actors
+    bare = replace(eve, method="ActorsNeRF, no pixel features")
+    other = replace(eve, frames=("another frame",))
+    text = markdown(replace(report, actors=(eve, bare, other)))
+    table = text[text.index("## eve: its models beside each other") :]
+    rows = [line for line in table.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == 2
+    cells = [cell.strip() for cell in rows[1].strip("|").split("|")]
+    assert cells == [
+        "ActorsNeRF, no pixel features",
+        "7",
+        "2000 (1800-2200)",
+        "1.400 + 1.000",
+        "6400, 900",
+        "0.970",
+        "25.00",
+        "0.9000",
+        "-",
+        "`fast`, 500",
+    ]

@@ -13,8 +13,10 @@ from tyro.conf import Positional
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_train.checkpoint import CheckpointInfo
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.evaluate import published_lpips
+from actorsnerf_train.labels import label_from, left_out
 from actorsnerf_train.lpips import INSTALL, LpipsFiles
 from actorsnerf_train.machine import program_commit, this_machine
 from actorsnerf_train.metrics import Lpips
@@ -174,7 +176,7 @@ def _actor_report(
         checkpoint=str(trained.path),
         data=str(subject.data),
         data_sha256=subject.digest,
-        method=trained.info.method,
+        method=_label(trained.info),
         preset=trained.config.preset,
         step=trained.info.step,
         size=frames[0].camera.size,
@@ -191,6 +193,11 @@ def _actor_report(
         parts=parts,
     )
     return report, measured
+
+
+def _label(info: CheckpointInfo) -> str:
+    scratch = info.origin.category_digest is None
+    return label_from(info.method, left_out(info.configuration), scratch)
 
 
 def _memory(

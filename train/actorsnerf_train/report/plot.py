@@ -53,7 +53,7 @@ def _draw(panel: Axes, actor: ActorReport) -> None:
     panel.set_xlabel("ms a frame")
     panel.set_ylabel("dB to the reference picture in the box")
     width, height = actor.size
-    panel.set_title(f"{actor.actor}, {actor.preset}, {width}x{height}", fontsize=9)
+    panel.set_title(f"{actor.actor}: {actor.method}, {actor.preset}, {width}x{height}", fontsize=9)
     panel.grid(True, which="both", alpha=0.25)
 
 

@@ -124,6 +124,7 @@ class ActorReport:
     data: str
     data_sha256: str
     method: str
+    """With what was left out of it, as tables name it."""
     preset: str
     step: int
     size: tuple[int, int]

@@ -1,6 +1,7 @@
 """The report as `report.json` and `report.md`."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from actorsnerf_train.checkpoint import write_whole
@@ -55,6 +56,7 @@ def markdown(report: SpeedReport) -> str:
         lines += [f"LPIPS not computed: {report.lpips_note}", ""]
     for actor in report.actors:
         lines += _actor(actor)
+    lines += _models(report.actors)
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -65,8 +67,9 @@ def summary(report: SpeedReport) -> tuple[str, ...]:
         named = {row.name: row for row in actor.points}
         best = named[actor.recommended]
         lines.append(
-            f"{actor.actor}: use {best.name} ({best.says}): {_milliseconds(best.seconds)} ms a "
-            f"frame, {best.faster:.0f} times the reference, {best.reference_psnr:.1f} dB to it"
+            f"{actor.actor}, {actor.method}: use {best.name} ({best.says}): "
+            f"{_milliseconds(best.seconds)} ms a frame, {best.faster:.0f} times the "
+            f"reference, {best.reference_psnr:.1f} dB to it"
         )
         useless = [row.name for row in actor.points if row.dominated_by is not None]
         lines.append(f"  nobody should use: {', '.join(useless) or 'none of them'}")
@@ -76,7 +79,7 @@ def summary(report: SpeedReport) -> tuple[str, ...]:
 def _actor(actor: ActorReport) -> list[str]:
     width, height = actor.size
     return [
-        f"## {actor.actor}: {actor.method}, {actor.preset} sizes, step {actor.step}",
+        f"## {actor.actor}: {actor.method} ({actor.preset} sizes, step {actor.step})",
         "",
         f"{len(actor.frames)} pictures of {width}x{height} ({'; '.join(actor.frames)}), "
         f"{actor.samples_per_ray} samples a ray, the person over {100 * actor.body_share:.1f} % of "
@@ -196,8 +199,8 @@ def _parts(rows: tuple[PartRow, ...]) -> list[str]:
     lines = [
         "### What each part of the model costs",
         "",
-        "One frame, every sample in the shell, the same skinning volume. Only times: what a part "
-        "is worth in error needs a training without it.",
+        "One frame, every sample in the shell, the same skinning volume. Only times: for what a "
+        "part is worth in error, report trainings without it in the same run.",
         "",
         "| left out | ms a frame | MFLOP a sample, density + colour | samples through networks |",
         "|---|---|---|---|",
@@ -209,6 +212,43 @@ def _parts(rows: tuple[PartRow, ...]) -> list[str]:
             f"{row.survivors} |"
         )
     return [*lines, ""]
+
+
+def _models(actors: Sequence[ActorReport]) -> list[str]:
+    """The models of one actor beside each other, where several were measured."""
+    groups: dict[tuple[str, str, tuple[str, ...]], list[ActorReport]] = {}
+    for actor in actors:
+        groups.setdefault((actor.actor, actor.data_sha256, actor.frames), []).append(actor)
+    lines: list[str] = []
+    for (name, _, _), mine in groups.items():
+        if len(mine) > 1:
+            lines += [
+                f"## {name}: its models beside each other",
+                "",
+                "The point `exact` of each, on the same pictures; measured one model after the "
+                "other, not in turns.",
+                "",
+                "| model | step | ms a frame | MFLOP a sample, density + colour | samples with "
+                "density, with colour | opacity inside | PSNR | SSIM | LPIPS x1000 | recommended, "
+                "ms |",
+                "|---|---|---|---|---|---|---|---|---|---|",
+                *map(_model, mine),
+                "",
+            ]
+    return lines
+
+
+def _model(actor: ActorReport) -> str:
+    named = {row.name: row for row in actor.points}
+    exact, best = named["exact"], named[actor.recommended]
+    times = Spread(exact.seconds, exact.seconds_low, exact.seconds_high)
+    return (
+        f"| {actor.method} | {actor.step} | {_spread(times)} | "
+        f"{exact.density_flops / 1e6:.3f} + {exact.colour_flops / 1e6:.3f} | "
+        f"{exact.survivors:.0f}, {exact.painted:.0f} | {actor.health.alpha_inside:.3f} | "
+        f"{_or_dash(exact.psnr, '.2f')} | {_or_dash(exact.ssim, '.4f')} | "
+        f"{_or_dash(exact.lpips_x1000, '.2f')} | `{best.name}`, {_milliseconds(best.seconds)} |"
+    )
 
 
 def _spread(times: Spread) -> str:

@@ -6,19 +6,12 @@ from pathlib import Path
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.labels import label_from, left_out
 from actorsnerf_train.metrics import ConventionName
 from actorsnerf_train.records import from_json, to_json
 from actorsnerf_train.result import Evaluation, Json, MeanRow
 from actorsnerf_train.result_file import RESULT_NAME, read_result
 from actorsnerf_train.run_folder import first_difference
-
-PARTS = {
-    "deformation": "deformation",
-    "pixel_features": "pixel features",
-    "body_features": "SMPL features",
-}
-"""Of ActorsNeRF, as its configuration and the paper name them."""
-METHODS = {"actorsnerf": "ActorsNeRF", "humannerf": "HumanNeRF", "neuralbody": "Neural Body"}
 
 
 @dataclass(frozen=True)
@@ -44,22 +37,8 @@ class Entry:
 
 def label_of(result: Evaluation) -> str:
     """The row that an evaluation belongs to."""
-    model = result.configuration.get("model")
-    missing = [part for part in PARTS if isinstance(model, dict) and model.get(part) is False]
-    return label_from(result.method, missing, result.pretrained_from is None)
-
-
-def label_from(method: str, without: Sequence[str], scratch: bool) -> str:
-    """A row's name.
-
-    >>> label_from("actorsnerf", ["deformation"], scratch=True)
-    'ActorsNeRF, no deformation, from scratch'
-    """
-    name = METHODS.get(method, method)
-    if method != "actorsnerf":
-        return name
-    notes = [f"no {PARTS[part]}" for part in without]
-    return ", ".join([name, *notes, *(["from scratch"] if scratch else [])])
+    scratch = result.pretrained_from is None
+    return label_from(result.method, left_out(result.configuration), scratch)
 
 
 def reading_order(entry: Entry) -> tuple[bool, int, str, str]:

@@ -9,11 +9,12 @@ from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.selection import FewshotChoice, find_protocol, find_shots
 from actorsnerf_train.checkpoint import FOLDER, LATEST, load_info
 from actorsnerf_train.config import TrainConfig, alone, fewshot
+from actorsnerf_train.labels import label_from
 from actorsnerf_train.records import from_json
 from actorsnerf_train.result import Evaluation
 from actorsnerf_train.result_file import RESULT_NAME, read_result
 from actorsnerf_train.run_folder import CONFIG
-from actorsnerf_train.tables.entry import Entry, label_from
+from actorsnerf_train.tables.entry import Entry
 from actorsnerf_train.tables.options import ABLATED, TablesOptions, method_of
 from actorsnerf_train.tables.plan import EVALUATION, Run
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from scipy.stats import t as student_t
 
 from actorsnerf_train.checkpoint import write_whole
+from actorsnerf_train.labels import METHODS, PARTS
 from actorsnerf_train.metrics import ConventionName
-from actorsnerf_train.tables.entry import METHODS, PARTS, Entry
+from actorsnerf_train.tables.entry import Entry
 from actorsnerf_train.tables.table import Number
 
 WHOLE = METHODS["actorsnerf"]
