@@ -173,6 +173,8 @@ def cropped(root: Path) -> Callable[[int], int]:
             rest["K"][target],
             rest["camera"][target],
             body_box(rest["joints"][target]),
+            (0, 0),
+            (share.shape[1], share.shape[0]),
         )
         return int(np.prod(draw_patches(rng, scene, PATCHES, SIDE).shape[:3]))
 

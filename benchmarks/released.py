@@ -111,7 +111,8 @@ class ReleasedLoader:
         K[:2] *= 0.5
         alpha: UInt8 = (view.alpha * 255).astype(np.uint8)
         box = body_box.body_box(pose["joints"])
-        scene = PatchScene(alpha, K, camera["extrinsics"] @ world_from_body, box)
+        size = (alpha.shape[1], alpha.shape[0])
+        scene = PatchScene(alpha, K, camera["extrinsics"] @ world_from_body, box, (0, 0), size)
         drawn = draw_patches(rng, scene, *form)
         return int(np.prod(drawn.shape[:3]))
 

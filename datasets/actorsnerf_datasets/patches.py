@@ -26,6 +26,10 @@ class PatchScene:
     camera_from_body: Float64
     box: Float64
     """(2, 3) body frame, metres."""
+    offset: tuple[int, int]
+    """x, y of the crop in the full picture; it may hang over the picture's edge."""
+    full_size: tuple[int, int]
+    """Width, height of the full picture."""
 
 
 def draw_patches(rng: np.random.Generator, scene: PatchScene, count: int, side: int) -> Int64:
@@ -33,7 +37,10 @@ def draw_patches(rng: np.random.Generator, scene: PatchScene, count: int, side: 
 
     A centre is a uniform pixel of the person (alpha > 0) with probability `PERSON_SHARE`, else a
     uniform pixel whose ray meets the body's box but which is not of the person; where one of the
-    two kinds does not exist the other is taken. Patches are shifted inside the crop.
+    two kinds does not exist the other is taken. Patches are shifted inside the crop, and inside the
+    picture: what of a crop hangs over its edge was never seen, and would teach that a person whom
+    the edge cuts ends there. Only where the picture's part of the crop is narrower than a patch
+    does the patch hang over too, as little as it can.
 
     Raises:
         UserError: the crop is smaller than a patch, or shows neither person nor box.
@@ -45,6 +52,7 @@ def draw_patches(rng: np.random.Generator, scene: PatchScene, count: int, side: 
             "take smaller patches, or prepare at a larger scale"
         )
     person = np.flatnonzero(scene.alpha)
+    low, high = _corner_limits(scene, side)
     corners = np.empty((count, 2), dtype=np.int64)
     for i in range(count):
         wanted = rng.random() < PERSON_SHARE
@@ -55,10 +63,25 @@ def draw_patches(rng: np.random.Generator, scene: PatchScene, count: int, side: 
             raise UserError(
                 "no pixel of the crop shows the person or looks at the body's box: no usable ray"
             )
-        corners[i] = np.clip(np.asarray(centre) - side // 2, 0, (width - side, height - side))
+        corners[i] = np.clip(np.asarray(centre) - side // 2, low, high)
     steps = np.arange(side)
     x, y = np.meshgrid(steps, steps)  # both (side, side), rows are y
     return corners[:, None, None, :] + np.stack([x, y], axis=-1)
+
+
+def _seen(scene: PatchScene) -> tuple[Int64, Int64]:
+    """First and one past the last pixel x, y of the crop that the picture holds."""
+    size = np.array(scene.alpha.shape[::-1], dtype=np.int64)
+    first = -np.array(scene.offset, dtype=np.int64)
+    return np.clip(first, 0, size), np.clip(first + scene.full_size, 0, size)
+
+
+def _corner_limits(scene: PatchScene, side: int) -> tuple[Int64, Int64]:
+    """Least and largest x, y of a patch's top-left pixel."""
+    first, end = _seen(scene)
+    most = np.array(scene.alpha.shape[::-1], dtype=np.int64) - side
+    low, high = np.sort([first, end - side], axis=0)  # they change places where seen < side
+    return np.clip(low, 0, most), np.clip(high, 0, most)
 
 
 def _person_pixel(rng: np.random.Generator, person: Int64, width: int) -> tuple[int, int] | None:
@@ -69,7 +92,10 @@ def _person_pixel(rng: np.random.Generator, person: Int64, width: int) -> tuple[
 
 
 def _beside_pixel(rng: np.random.Generator, scene: PatchScene) -> tuple[int, int] | None:
-    """A uniform pixel of the box without the person: by rejection, at last by looking at all."""
+    """A uniform pixel of the picture that looks at the box beside the person.
+
+    By rejection, at last by looking at all.
+    """
     size = scene.alpha.size
     for _ in range(_ROUNDS):
         found = _first_beside(scene, rng.integers(size, size=_TRIES))
@@ -80,7 +106,8 @@ def _beside_pixel(rng: np.random.Generator, scene: PatchScene) -> tuple[int, int
 
 def _first_beside(scene: PatchScene, candidates: Int64) -> tuple[int, int] | None:
     y, x = np.divmod(candidates, scene.alpha.shape[1])
-    free = scene.alpha[y, x] == 0
+    (left, top), (right, bottom) = _seen(scene)
+    free = (scene.alpha[y, x] == 0) & (x >= left) & (x < right) & (y >= top) & (y < bottom)
     pixels = np.stack([x[free], y[free]], axis=1).astype(np.float64)
     hits = np.flatnonzero(meets_box(pixels, scene.K, scene.camera_from_body, scene.box))
     if len(hits) == 0:

@@ -276,11 +276,14 @@ class _Source:
     def patches(
         self, frame: int, rng: np.random.Generator, drawing: _Drawing
     ) -> Int[Tensor, "patches side side 2"]:
+        picture = self.picture(frame)
         scene = PatchScene(
-            alpha=self.picture(frame).alpha,
+            alpha=picture.alpha,
             K=self.file.crop_K(self.camera, frame),
             camera_from_body=self.file.camera_from_body(self.camera, frame),
             box=body_box(self.file.header.fits.posed_joints[frame]),
+            offset=picture.offset,
+            full_size=self.file.header.cameras[self.camera].size,
         )
         try:
             return torch.from_numpy(draw_patches(rng, scene, drawing.patches, drawing.patch_size))

@@ -17,7 +17,7 @@ def scene() -> PatchScene:
     alpha = np.zeros(SIZE[::-1], np.uint8)
     alpha[12:18, 18:22] = 1  # the faintest alpha is person
     K = np.array([[90.0, 0.0, 19.5], [0.0, 90.0, 14.5], [0.0, 0.0, 1.0]])
-    return PatchScene(alpha, K, np.eye(4), BOX)
+    return PatchScene(alpha, K, np.eye(4), BOX, (0, 0), SIZE)
 
 
 def centres(rng: np.random.Generator, scene: PatchScene, count: int) -> np.ndarray:
@@ -61,6 +61,26 @@ def test_patches_stay_inside_the_crop(rng: np.random.Generator, scene: PatchScen
     assert patches[..., 0].max() <= 39 and patches[..., 1].max() == 29
     whole = draw_patches(rng, scene, 2, 30)
     assert (whole[:, 0, 0, 1] == 0).all()
+
+
+def test_patches_stay_inside_the_picture(rng: np.random.Generator, scene: PatchScene) -> None:
+    # The picture holds columns 16 to 27 and rows 9 to 22 of the crop, all inside the box.
+    cut = dataclasses.replace(scene, offset=(-16, -9), full_size=(12, 14))
+    for side in (1, 5, 12):
+        patches = draw_patches(rng, cut, 400, side)
+        assert patches.min(axis=(0, 1, 2)).tolist() == [16, 9]
+        assert patches.max(axis=(0, 1, 2)).tolist() == [27, 22]
+
+
+def test_a_patch_wider_than_what_the_picture_holds_hangs_over_as_little_as_it_can(
+    rng: np.random.Generator, scene: PatchScene
+) -> None:
+    cut = dataclasses.replace(scene, offset=(-16, 0), full_size=(6, 30))  # columns 16 to 21
+    corners = draw_patches(rng, cut, 200, 10)[:, 0, 0]
+    assert (corners[:, 0].min(), corners[:, 0].max()) == (12, 16)
+    cut = dataclasses.replace(scene, offset=(36, 0), full_size=(39, 30))  # columns 0 to 2
+    cut = dataclasses.replace(cut, alpha=np.roll(scene.alpha, -18, axis=1))
+    assert (draw_patches(rng, cut, 50, 10)[:, 0, 0, 0] == 0).all()
 
 
 def test_without_a_person_the_box_is_taken(rng: np.random.Generator, scene: PatchScene) -> None:

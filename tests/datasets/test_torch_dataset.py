@@ -137,6 +137,17 @@ def test_the_camera_is_folded_in_float64_before_it_is_cast(
     assert np.abs(found.numpy() - expected).max() < 1e-6
 
 
+def test_no_patch_shows_what_the_picture_does_not(header: SequenceHeader, tmp_path: Path) -> None:
+    cut = (dataclasses.replace(one, offset=(-20, 30)) for one in pictures_of(header))
+    path = tmp_path / "cut.h5"
+    write_sequence(path, for_pretraining(header, "cut"), CROP_SIZE, cut)
+    dataset = PretrainingDataset([path], 5, K, PATCHES, SIDE, 12)
+    for sample in dataset:
+        full = sample.patches + torch.tensor(sample.target.offset)
+        assert full.min() >= 0
+        assert full.max() < 80  # pixels a side of all pictures
+
+
 def test_vertices_project_onto_the_person(sequence_path: Path) -> None:
     view = view_at(SequenceFile(sequence_path), "c03", 107)
     seen = view.posed_vertices @ view.camera_from_body[:3, :3].T + view.camera_from_body[:3, 3]
