@@ -305,8 +305,9 @@ def _view(
         camera_from_body=torch.from_numpy(sequence.camera_from_body(camera, frame)).float(),
         pose=torch.from_numpy(pose).float(),
         rest_joints=torch.from_numpy(header.fits.rest_joints[frame]).float(),
-        rest_vertices=torch.from_numpy(header.shape.rest_vertices).float(),
-        posed_vertices=torch.from_numpy(vertices),
+        # Copied: the header and the cache keep these two, and a sample is its reader's own.
+        rest_vertices=torch.tensor(header.shape.rest_vertices, dtype=torch.float32),
+        posed_vertices=torch.tensor(vertices, dtype=torch.float32),
         canonical_joints=torch.from_numpy(header.shape.rest_joints).float(),
         actor=header.actor,
         camera=header.cameras[camera].name,

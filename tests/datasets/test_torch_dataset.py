@@ -148,6 +148,30 @@ def test_no_patch_shows_what_the_picture_does_not(header: SequenceHeader, tmp_pa
         assert full.max() < 80  # pixels a side of all pictures
 
 
+def test_who_writes_into_a_sample_changes_no_other(pretraining: PretrainingDataset) -> None:
+    before, drawn = pretraining[3], pretraining[3]
+    kept = dataclasses.replace(
+        before,
+        target=_copied(before.target),
+        supports=tuple(_copied(view) for view in before.supports),
+    )
+    for view in (drawn.target, *drawn.supports):
+        for field in dataclasses.fields(View):
+            value = getattr(view, field.name)
+            if isinstance(value, torch.Tensor):
+                value.zero_()
+    assert_same(pretraining[3], kept)
+
+
+def _copied(view: View) -> View:
+    tensors = {
+        field.name: getattr(view, field.name).clone()
+        for field in dataclasses.fields(View)
+        if isinstance(getattr(view, field.name), torch.Tensor)
+    }
+    return dataclasses.replace(view, **tensors)
+
+
 def test_vertices_project_onto_the_person(sequence_path: Path) -> None:
     view = view_at(SequenceFile(sequence_path), "c03", 107)
     seen = view.posed_vertices @ view.camera_from_body[:3, :3].T + view.camera_from_body[:3, 3]
