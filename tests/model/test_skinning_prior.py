@@ -3,6 +3,7 @@ import math
 import pytest
 import torch
 
+from actorsnerf_datasets.skeleton import BONES, PARENTS
 from actorsnerf_model.skinning import canonical_box
 from actorsnerf_model.skinning_prior import PRIOR_FLOOR, bone_prior, grid_nodes, log_prior
 
@@ -48,6 +49,32 @@ def test_any_direction_of_a_bone_is_as_good_as_another(
     assert torch.isfinite(prior).all()
     assert prior[4, 0, 0, 0].item() == pytest.approx(1.0, abs=1e-6)
     assert prior[4, 1, 1, 1].item() == pytest.approx(math.exp(-((0.05 / 0.06) ** 2)), rel=1e-6)
+
+
+@pytest.mark.parametrize(("joint", "child"), BONES)
+def test_the_trunk_is_wider_than_the_limbs(
+    rest_joints: torch.Tensor, joint: int, child: int
+) -> None:
+    """Each bone far from everything, 5 cm beside its middle: 3 cm, pelvis to collars 4.5."""
+    joints = rest_joints.clone()
+    joints[joint] = torch.tensor([50.0, 0, 0])
+    joints[child] = torch.tensor([52.0, 0, 0])
+    beside = torch.tensor([51.0, 0.03, 0.04], dtype=torch.float64)
+    prior = bone_prior(joints, torch.stack([beside, beside + 0.02]), (2, 2, 2))
+    sigma = 0.045 if joint in (0, 3, 6, 9, 13, 14) else 0.03
+    expected = math.exp(-((0.05 / (2 * sigma)) ** 2))
+    assert prior[joint, 0, 0, 0].item() == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("leaf", sorted(set(range(24)) - set(PARENTS)))
+def test_the_head_is_larger_than_hands_and_toes(rest_joints: torch.Tensor, leaf: int) -> None:
+    """Each leaf far from everything, 5 cm beside it: 6 cm for the head, 2 for the others."""
+    joints = rest_joints.clone()
+    joints[leaf] = torch.tensor([50.0, 0, 0])
+    beside = torch.tensor([50.0, 0.03, 0.04], dtype=torch.float64)
+    prior = bone_prior(joints, torch.stack([beside, beside + 0.02]), (2, 2, 2))
+    expected = math.exp(-((0.05 / (0.12 if leaf == 15 else 0.04)) ** 2))
+    assert prior[leaf, 0, 0, 0].item() == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_bone_without_length_and_a_body_without_size(rest_joints: torch.Tensor) -> None:
