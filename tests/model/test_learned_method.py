@@ -46,6 +46,30 @@ def test_a_state_made_in_stages_is_the_state(name: str, support_views: Views) ->
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_networks_compute_in_the_precision_asked_for(
+    name: str, dtype: torch.dtype, support_views: Views
+) -> None:
+    """Whatever precision lies around them; what they give comes back in the geometry's own."""
+    method = method_named(name).eval()
+    method.network_dtype = dtype
+    given: list[torch.dtype] = []
+    for module in method.modules():
+        if isinstance(module, torch.nn.Linear):
+            module.register_forward_hook(lambda _, __, result: given.append(result.dtype))
+    views = support_views(4)
+    for around in (False, True):
+        with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=around):
+            actor = method.actor_state(views[:3], 2.0)
+            pose = method.pose_state(actor, views[3].pose, views[3].rest_joints)
+            located = method.locate(actor, pose, views[3].posed_vertices, 0.01)
+            field = method.field(actor, pose, located)
+            assert {field.rgb.dtype, field.density.dtype} == {torch.float32}
+        assert set(given) == {dtype}
+        given.clear()
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_method_says_what_it_reads_and_where_its_points_lie(
     name: str, support_views: Views
 ) -> None:
