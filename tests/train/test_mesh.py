@@ -65,6 +65,13 @@ def test_chunks_change_nothing(ball: PosedActor[float]) -> None:
     assert np.array_equal(whole.colours, parts.colours)
 
 
+def test_a_soft_mask_thins_the_ball_as_it_does_in_pictures(ball: PosedActor[float]) -> None:
+    mesh = posed_mesh(ball, MeshOptions(resolution=0.05, level=20.0, soft_mask=True))
+    # Where 40 (1 - d / 0.7) (0.7 - d) falls through 20.
+    radius = 0.7 - np.sqrt(0.7 / 2)
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - radius).max() < 0.01
+
+
 def test_a_body_cut_by_the_bounds_is_closed(ball: PosedActor[float]) -> None:
     tight = dataclasses.replace(ball.pose, bounds=torch.tensor([[0.0, -1, -1], [1.0, 1, 1]]))
     mesh = posed_mesh(dataclasses.replace(ball, pose=tight), MeshOptions(resolution=0.1))

@@ -122,8 +122,13 @@ def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple
             pass
     if options.mesh is not None:
         posed = PosedActor(trained.method, trained.state, _pose_state(trained, shots[0]))
-        threshold = trained.config.render.threshold
-        surface = MeshOptions(options.mesh_resolution, options.mesh_level, threshold)
+        drawn = trained.config.render
+        surface = MeshOptions(
+            options.mesh_resolution,
+            options.mesh_level,
+            drawn.threshold,
+            soft_mask=drawn.soft_mask,
+        )
         options.mesh.parent.mkdir(parents=True, exist_ok=True)
         write_mesh(options.mesh, posed_mesh(posed, surface))
         written.append(options.mesh)

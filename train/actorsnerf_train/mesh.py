@@ -34,6 +34,8 @@ class MeshOptions:
     """Foreground likelihood below which there is nothing (as in `RenderOptions`)."""
     chunk: int = 16384
     """Points through the networks at once."""
+    soft_mask: bool = False
+    """Multiply density by likelihood, as the method's pictures multiply opacity (HumanNeRF)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class PosedActor(Generic[ActorState]):
             located = self.method.locate(self.actor, self.pose, part, options.threshold)
             values = self.method.field(self.actor, self.pose, located)
             rgb[start + located.index] = values.rgb.to(rgb.dtype)
-            density[start + located.index] = values.density.to(density.dtype)
+            held = values.density * located.likelihood if options.soft_mask else values.density
+            density[start + located.index] = held.to(density.dtype)
         return rgb, density
 
 
