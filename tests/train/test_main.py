@@ -45,6 +45,46 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+TRAINING = ("pretrain", "--data", "no.h5", "--run", "run")
+FITTING = ("fewshot", "--data", "no.h5", "--from", "scratch", "--run", "run")
+EVALUATION = ("evaluate", "--checkpoint", "no", "--data", "no.h5", "--out", "out")
+FILM = ("render", "--checkpoint", "no", "--out", "out")
+REPORT = ("report", "no", "--data", "no.h5")
+STABILITY = ("stability", "--run", "no")
+TABLES = ("tables", "--out", "out", "--data", "no.h5")
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        *((TRAINING, name, "0") for name in ("steps", "samples", "patches", "accumulation")),
+        *((FITTING, name, "-1") for name in ("seed", "workers", "checkpoint-every")),
+        *((FITTING, "rate-scale", value) for value in ("0", "-1", "nan", "inf")),
+        *((EVALUATION, name, "0") for name in ("max-frames", "max-cameras", "samples")),
+        *((EVALUATION, "stop-transmittance", value) for value in ("-0.1", "1")),
+        *((FILM, name, "0") for name in ("pictures", "size", "samples", "fps")),
+        *((FILM, name, "0") for name in ("mesh-resolution", "mesh-level")),
+        *((FILM, "elevation", value) for value in ("90", "-90")),
+        (REPORT, "samples", "0"),
+        (STABILITY, "poses", "0"),
+        *((TABLES, name, "0") for name in ("steps", "pretrain-steps", "max-frames")),
+        (TABLES, "seeds", "-1"),
+    ],
+)
+def test_a_number_that_means_nothing_is_refused_by_name(
+    command: tuple[str, ...], option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*command, f"--{option}", value) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: --{option} is {value}, expected ")
+    assert error.count("\n") == 1
+
+
+def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(*TABLES, "--seeds") == 2
+    assert "error: --seeds names nothing" in capsys.readouterr().err
+
+
 def test_a_missing_category_checkpoint_is_exit_code_2(
     people: People, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.types import Float64, UInt8
 from actorsnerf_model.states import ActorState, PoseState, Rendering
+from actorsnerf_train.bounds import above, at_least, below
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
 from actorsnerf_train.pictures import to_bytes, write_depth, write_png, write_video
@@ -92,8 +93,26 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
     """
     if options.mesh is not None and options.mesh.suffix not in MESH_SUFFIXES:
         raise UserError(f"{options.mesh}: a mesh is written as {' or '.join(MESH_SUFFIXES)}.")
+    _refuse_nonsense(options)
     trained = load_actor(options.checkpoint, local_device(options.device))
     return animate(at_named_point(trained, options.point), options)
+
+
+def _refuse_nonsense(options: AnimateOptions) -> None:
+    for name, value in (
+        ("pictures", options.pictures),
+        ("size", options.size),
+        ("samples", options.samples),
+    ):
+        at_least(name, value, 1)
+    for name, positive in (
+        ("fps", options.fps),
+        ("mesh-resolution", options.mesh_resolution),
+        ("mesh-level", options.mesh_level),
+    ):
+        above(name, positive, 0)
+    above("elevation", options.elevation, -90)  # straight above, a camera has no upright
+    below("elevation", options.elevation, 90)
 
 
 def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple[Path, ...]:

@@ -19,6 +19,7 @@ from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_datasets.selection import find_protocol
 from actorsnerf_datasets.types import Protocol, UInt8
 from actorsnerf_model.states import ActorState
+from actorsnerf_train.bounds import at_least, below
 from actorsnerf_train.checkpoint import FOLDER, write_whole
 from actorsnerf_train.curve_file import read_curve
 from actorsnerf_train.distributed import local_device
@@ -101,6 +102,7 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
     Raises:
         UserError: no such checkpoint, file or protocol; another actor; no evaluation picture.
     """
+    _refuse_nonsense(options)
     trained = load_actor(options.checkpoint, local_device(options.device))
     trained = at_named_point(trained, options.point)
     with SequenceFile(options.data) as file:
@@ -111,6 +113,18 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
     write_whole(options.out / "result.md", markdown(evaluation).encode())
     write_result(options.out / RESULT_NAME, evaluation)
     return evaluation
+
+
+def _refuse_nonsense(options: EvaluateOptions) -> None:
+    for name, value in (
+        ("max-frames", options.max_frames),
+        ("max-cameras", options.max_cameras),
+        ("samples", options.samples),
+    ):
+        at_least(name, value, 1)
+    at_least("strip", options.strip, 0)
+    at_least("stop-transmittance", options.stop_transmittance, 0)
+    below("stop-transmittance", options.stop_transmittance, 1)
 
 
 def evaluate(

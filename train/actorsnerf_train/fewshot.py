@@ -38,6 +38,7 @@ from actorsnerf_train.options import (
     on_ground,
     perceptual_note,
     ready_perceptual,
+    refuse_nonsense,
 )
 from actorsnerf_train.pretrain import begin_trunk
 from actorsnerf_train.records import from_json
@@ -91,6 +92,7 @@ def run_fewshot(options: FewshotOptions) -> Path:
     Raises:
         UserError: category checkpoint, data, device or run folder are not as needed.
     """
+    refuse_nonsense(options.change, options.use)
     category = load_category(options.category) if isinstance(options.category, Path) else None
     origin = SCRATCH if category is None else _origin(category)
     if options.use.check:

@@ -1,9 +1,11 @@
 """What both trainings' command lines share: changes to a preset, and how to compute."""
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from actorsnerf_model.actorsnerf import ActorsNeRFConfig
+from actorsnerf_train.bounds import above, at_least, below
 from actorsnerf_train.config import Background, Precision, TrainConfig
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.lpips import INSTALL, LpipsFiles, load_lpips
@@ -47,9 +49,33 @@ class Changes:
     precision: Precision = "float32"
     """Of products inside networks; bfloat16 is faster on recent processors."""
     checkpoint_every: int | None = None
-    """Steps between checkpoints."""
+    """Steps between checkpoints; 0: only at the end."""
     picture_every: int | None = None
     """Steps between sample pictures; 0: only at the end."""
+
+
+def refuse_nonsense(changes: Changes, use: Resources) -> None:
+    """Nothing, if every number can be meant.
+
+    Raises:
+        UserError: one cannot.
+    """
+    for name, value in (
+        ("steps", changes.steps),
+        ("samples", changes.samples),
+        ("patches", changes.patches),
+        ("accumulation", changes.accumulation),
+    ):
+        at_least(name, value, 1)
+    for name, value in (
+        ("seed", changes.seed),
+        ("checkpoint-every", changes.checkpoint_every),
+        ("picture-every", changes.picture_every),
+        ("workers", use.workers),
+    ):
+        at_least(name, value, 0)
+    above("rate-scale", changes.rate_scale, 0)
+    below("rate-scale", changes.rate_scale, math.inf)
 
 
 def changed(config: TrainConfig, changes: Changes) -> TrainConfig:

@@ -20,6 +20,7 @@ from actorsnerf_train.options import (
     on_ground,
     perceptual_note,
     ready_perceptual,
+    refuse_nonsense,
 )
 from actorsnerf_train.run_folder import RunFolder
 
@@ -60,6 +61,7 @@ def run_pretrain(options: PretrainOptions) -> Path:
     Raises:
         UserError: data, weights, device or run folder are not as needed.
     """
+    refuse_nonsense(options.change, options.use)
     paths, left_out = training_files(options.data)
     if options.use.check:
         check_files(paths)

@@ -13,6 +13,7 @@ from tyro.conf import Positional
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_train.bounds import at_least
 from actorsnerf_train.checkpoint import CheckpointInfo
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.evaluate import published_lpips
@@ -137,9 +138,9 @@ def _check(options: ReportOptions) -> None:
             f"--reference-share is {options.reference_share:g}, expected more than 0 and at most "
             "1: the share of the rays that the reference draws."
         )
-    for name in ("frames", "cameras", "rounds"):
-        if getattr(options, name) < 1:
-            raise UserError(f"--{name} is {getattr(options, name)}, expected at least 1.")
+    for name in ("frames", "cameras", "rounds", "samples"):
+        at_least(name, getattr(options, name), 1)
+    at_least("seed", options.seed, 0)
 
 
 def _subject(checkpoint: Path, options: ReportOptions, device: torch.device) -> _Subject:

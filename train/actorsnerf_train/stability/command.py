@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from actorsnerf_train.bounds import at_least
 from actorsnerf_train.config import PresetName
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.machine import program_commit, this_machine
@@ -72,6 +73,8 @@ def run_stability(options: StabilityOptions) -> tuple[str, ...]:
         UserError: no such run or file, or one that cannot be used.
     """
     began = time.perf_counter()
+    at_least("poses", options.poses, 1)
+    at_least("long-steps", options.long_steps, 1)
     device = local_device(options.device)
     bench = make_bench(options.run, options.data, options.preset, device)
     folder = _folder(options)

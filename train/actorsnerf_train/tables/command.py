@@ -6,6 +6,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.bounds import at_least
 from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.health import TrainingError
 from actorsnerf_train.metrics import ConventionName
@@ -34,6 +35,7 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     Raises:
         UserError: files, settings or results are not as needed.
     """
+    _refuse_nonsense(options)
     runs = _plan(options) if options.data else ()
     if options.dry_run:
         return describe_plan(runs)
@@ -48,6 +50,20 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     told += _write_curves(options.out, entries)
     told += write_side_by_side(options.out, entries)
     return (*lost, *(f"table: {path}" for path in told))
+
+
+def _refuse_nonsense(options: TablesOptions) -> None:
+    for name in ("seeds", "methods", "settings", "conventions"):
+        if not getattr(options, name):
+            raise UserError(f"--{name} names nothing: give at least one, or leave it out.")
+    for name, value in (
+        ("steps", options.steps),
+        ("pretrain-steps", options.pretrain_steps),
+        ("max-frames", options.max_frames),
+    ):
+        at_least(name, value, 1)
+    for seed in options.seeds:
+        at_least("seeds", seed, 0)
 
 
 def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:
