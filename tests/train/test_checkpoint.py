@@ -1,4 +1,6 @@
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,6 +83,21 @@ def test_a_write_that_fails_leaves_the_old_checkpoint(
     with pytest.raises(OSError, match="disk full"):
         save_checkpoint(tmp_path, replace(INFO, step=80), tensors())
     assert load_checkpoint(tmp_path).info.step == 40
+
+
+def test_a_full_disk_is_named_and_keeps_no_half(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    path = tmp_path / "file"
+    write_whole(path, b"old")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left on device") as refusal:
+        write_whole(path, b"new")
+    assert refusal.value.filename == str(path)
+    assert [one.read_bytes() for one in tmp_path.iterdir()] == [b"old"]
 
 
 def test_damage_is_noticed(tmp_path: Path) -> None:

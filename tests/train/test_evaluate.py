@@ -162,7 +162,7 @@ def test_an_unknown_protocol_is_refused(options: EvaluateOptions) -> None:
 
 
 def test_nothing_to_evaluate_is_refused(options: EvaluateOptions) -> None:
-    with pytest.raises(UserError, match="none of the 0 evaluation frames x 1 cameras of protocol"):
+    with pytest.raises(UserError, match="--max-frames is 0, expected at least 1"):
         run_evaluate(dataclasses.replace(options, max_frames=0))
 
 

@@ -85,6 +85,17 @@ def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> No
     assert "error: --seeds names nothing" in capsys.readouterr().err
 
 
+def test_a_disk_that_refuses_is_exit_code_2(
+    people: People, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "taken"
+    place.write_text("a file, not a folder")
+    words = ("fewshot", "--data", people.eve, "--from", "scratch", "--run", place)
+    assert run(*words, "--preset", "tiny", "--method", "humannerf", "--no-check") == 2
+    error = capsys.readouterr().err
+    assert f"error: {place}: File exists: make room, or name a place that can be" in error
+
+
 def test_a_missing_category_checkpoint_is_exit_code_2(
     people: People, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

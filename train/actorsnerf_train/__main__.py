@@ -80,6 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(f"error: {_refused_by_disk(error)}", file=sys.stderr)
+        return 2
     except UnstableError as failure:
         print(*failure.lines, sep="\n")
         return 1
@@ -89,6 +92,15 @@ def main(arguments: list[str] | None = None) -> int:
     if os.environ.get("RANK", "0") == "0":  # one process of torchrun's speaks
         print(*told, sep="\n")
     return 0
+
+
+def _refused_by_disk(error: OSError) -> str:
+    """A full disk, a read-only folder, a file where a folder should be: which, and where."""
+    place = "" if error.filename is None else f"{error.filename}: "
+    return (
+        f"{place}{error.strerror or error}: make room, or name a place that can be written; a "
+        "training's last checkpoint is kept."
+    )
 
 
 def _run(

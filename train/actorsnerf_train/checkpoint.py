@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -116,13 +117,22 @@ class Checkpoint:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Put a file in place at once: a reader sees the old content or the new, never a half."""
+    """Put a file in place at once: a reader sees the old content or the new, never a half.
+
+    Raises:
+        OSError: the disk refuses; names the file, of which nothing new is left.
+    """
     part = path.with_name(path.name + ".part")
-    with part.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(path)
+    try:
+        with part.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)  # a full disk needs the room
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def save_checkpoint(run: Path, info: CheckpointInfo, tensors: dict[str, Tensor]) -> Path:
