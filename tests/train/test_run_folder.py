@@ -1,4 +1,5 @@
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.checkpoint import DataFile, Origin
 from actorsnerf_train.config import TrainConfig
+from actorsnerf_train.loop import Training, train
 from actorsnerf_train.run_folder import CONFIG, RunFolder, first_difference, package_versions
 
 
@@ -50,6 +52,32 @@ def test_a_run_from_before_a_setting_existed_goes_on(folder: RunFolder) -> None:
     (folder.path / CONFIG).write_text(json.dumps(record))
     with pytest.raises(UserError, match=r"configuration.*seed is 'five', expected int"):
         folder.open(write=True)
+
+
+@pytest.mark.parametrize("content", [b"{bad", b"[1]", b"\xff"])
+def test_a_damaged_description_is_one_sentence(folder: RunFolder, content: bytes) -> None:
+    folder.open(write=True)
+    (folder.path / CONFIG).write_bytes(content)
+    with pytest.raises(UserError, match=r"config\.json: .*JSON.*choose another --run"):
+        folder.open(write=True)
+
+
+def test_a_checkpoint_without_its_description_is_no_other_run(
+    make_training: Callable[[Path, TrainConfig], Training], config: TrainConfig, tmp_path: Path
+) -> None:
+    config = replace(config, schedule=replace(config.schedule, steps=1))
+    training = make_training(tmp_path, config)
+    train(training)
+    (tmp_path / CONFIG).unlink()
+    other = replace(training.folder, config=replace(config, seed=5))
+    with pytest.raises(
+        UserError, match=r"step_000001.*another run \(configuration/seed is 0 there"
+    ):
+        other.open(write=True)
+    assert not (tmp_path / CONFIG).exists()
+    found = training.folder.open(write=True)
+    assert found is not None and found.info.step == 1
+    assert (tmp_path / CONFIG).is_file()
 
 
 def test_moved_data_is_the_same_data(folder: RunFolder) -> None:

@@ -27,6 +27,7 @@ from actorsnerf_train.records import from_json, to_json
 from actorsnerf_train.result import Json
 
 CONFIG = "config.json"
+NO_RUN = "damaged, or no run of this program: choose another --run, or delete the folder."
 PACKAGES = ("actorsnerf", "torch", "numpy", "h5py", "safetensors", "opencv-contrib-python-headless")
 
 
@@ -49,39 +50,61 @@ class RunFolder:
         Raises:
             UserError: the folder holds another run.
         """
-        known = self._as_json()
+        known = _as_json(self.config, self.data, self.setting, self.origin)
         file = self.path / CONFIG
         if file.is_file():
-            difference = first_difference(_found(file), known, "")
-            if difference:
-                raise UserError(
-                    f"{file}: the folder holds another run ({difference}): choose another --run, "
-                    "or delete the folder."
-                )
-        elif write:
+            self._refuse_another(file, _found(file), known)
+        checkpoint = load_checkpoint(self.path) if (self.path / FOLDER / LATEST).is_file() else None
+        if checkpoint is not None:  # that `config.json` was lost makes it no other run
+            self._refuse_another(checkpoint.path, _found_in(checkpoint), known)
+        if write and not file.is_file():
             self.path.mkdir(parents=True, exist_ok=True)
             program = {"versions": package_versions(), "commit": program_commit()}
             write_whole(file, (json.dumps(known | {"program": program}, indent=1) + "\n").encode())
-        if (self.path / FOLDER / LATEST).is_file():
-            return load_checkpoint(self.path)
-        return None
+        return checkpoint
 
-    def _as_json(self) -> dict[str, Json]:
-        return {
-            "configuration": to_json(self.config),
-            # not the path: a folder of data may move
-            "data": [[f.sequence, f.actor, f.digest] for f in self.data],
-            "setting": to_json(self.setting),
-            "category_digest": self.origin.category_digest,
-        }
+    def _refuse_another(self, place: Path, found: Json, known: Json) -> None:
+        difference = first_difference(found, known, "")
+        if difference:
+            raise UserError(
+                f"{place}: the folder holds another run ({difference}): choose another --run, "
+                "or delete the folder."
+            )
+
+
+def _as_json(
+    config: TrainConfig,
+    data: tuple[DataFile, ...],
+    setting: FewshotSetting | None,
+    origin: Origin,
+) -> dict[str, Json]:
+    """What two trainings must share to be one run."""
+    return {
+        "configuration": to_json(config),
+        # not the path: a folder of data may move
+        "data": [[f.sequence, f.actor, f.digest] for f in data],
+        "setting": to_json(setting),
+        "category_digest": origin.category_digest,
+    }
 
 
 def _found(file: Path) -> Json:
     """What the folder holds; a setting that came after it was written has its default."""
-    found: dict[str, Json] = json.loads(file.read_text(encoding="utf-8"))
-    where = f"{file}: configuration"
-    config = from_json(TrainConfig, found.get("configuration"), where)
+    try:
+        found: Json = json.loads(file.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{file}: is not readable as JSON ({error}): {NO_RUN}") from None
+    if not isinstance(found, dict):
+        raise UserError(f"{file}: holds no JSON object: {NO_RUN}")
+    config = from_json(TrainConfig, found.get("configuration"), f"{file}: configuration")
     return found | {"configuration": to_json(config)}
+
+
+def _found_in(checkpoint: Checkpoint) -> Json:
+    """The same, as a checkpoint tells it."""
+    info = checkpoint.info
+    config = from_json(TrainConfig, info.configuration, f"{checkpoint.path}: configuration")
+    return _as_json(config, info.data, info.setting, info.origin)
 
 
 def package_versions() -> JsonObject:
