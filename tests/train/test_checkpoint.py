@@ -85,6 +85,15 @@ def test_a_write_that_fails_leaves_the_old_checkpoint(
     assert load_checkpoint(tmp_path).info.step == 40
 
 
+def test_a_millionth_step_is_newer_than_the_one_before(tmp_path: Path) -> None:
+    for step in (999_998, 999_999, 1_000_000):
+        save_checkpoint(tmp_path, replace(INFO, step=step), tensors())
+        prune_checkpoints(tmp_path, keep=2, keep_every=0)
+    assert load_checkpoint(tmp_path).info.step == 1_000_000
+    left = {path.stem for path in (tmp_path / checkpoint.FOLDER).glob("step_*")}
+    assert left == {"step_999999", "step_1000000"}
+
+
 def test_a_full_disk_is_named_and_keeps_no_half(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -220,12 +220,15 @@ def checkpoint_path(source: Path) -> Path:
 
 def prune_checkpoints(run: Path, keep: int, keep_every: int) -> None:
     """Delete old checkpoints, but the newest `keep` and every `keep_every`-th step (0 = none)."""
-    paths = sorted((run / FOLDER).glob("step_*.json"))
+    paths = sorted((run / FOLDER).glob("step_*.json"), key=_step_of)  # not by name: a million has 7
     for path in paths[: max(len(paths) - keep, 0)]:
-        step = int(path.stem.removeprefix("step_"))
-        if keep_every == 0 or step % keep_every:
+        if keep_every == 0 or _step_of(path) % keep_every:
             path.unlink()  # the JSON first: without it there is no checkpoint
-            path.with_suffix(".safetensors").unlink()
+            path.with_suffix(".safetensors").unlink(missing_ok=True)
+
+
+def _step_of(path: Path) -> int:
+    return int(path.stem.removeprefix("step_"))
 
 
 def optimiser_tensors(
