@@ -31,6 +31,12 @@ def test_of_a_folder_the_held_out_are_left_out_and_named(people: People) -> None
     assert (named, left_out) == ((people.eve, people.ann), ())
 
 
+def test_a_file_that_is_named_twice_counts_once(people: People) -> None:
+    again = people.folder / ".." / people.folder.name / "ann.h5"
+    files, _ = training_files((people.folder, people.ann, again))
+    assert [path.name for path in files] == ["ann.h5", "ben.h5"]
+
+
 def test_an_actor_held_out_in_one_file_is_left_out_of_all(people: People, known_eve: Path) -> None:
     """Named or in a folder, and whichever comes first."""
     line = "known.h5: actor eve is held out for testing in eve.h5"

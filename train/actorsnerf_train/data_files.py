@@ -20,12 +20,14 @@ def training_files(data: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, .
 
     Of a folder, the files of actors that are held out for testing are left out, and named; so are
     all files of an actor that another of the files holds out. A held-out file that is itself named
-    is taken, and refused when it is read.
+    is taken, and refused when it is read. A file that is named twice, or by its folder too, counts
+    once.
 
     Raises:
         UserError: nothing is there.
     """
-    files = tuple(file for path in data for file in _files_at(path))
+    files = tuple({f.resolve(): f for path in data for f in _files_at(path)}.values())
+    named = {path.resolve() for path in data}
     tested: set[Path] = set()
     held_out: dict[str, str] = {}
     actors: dict[Path, str] = {}
@@ -40,7 +42,7 @@ def training_files(data: Sequence[Path]) -> tuple[tuple[Path, ...], tuple[str, .
     left_out: list[str] = []
     for file in files:
         actor = actors[file]
-        if actor not in held_out or (file in tested and file in data):
+        if actor not in held_out or (file in tested and file.resolve() in named):
             chosen.append(file)
         elif file in tested:
             left_out.append(f"{file.name}: actor {actor} is held out for testing")
