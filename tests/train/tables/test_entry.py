@@ -39,6 +39,12 @@ def test_a_result_is_counted_once_and_category_results_are_left_out(
     assert [entry.path for entry in gather([tmp_path, path, path.parent])] == [path]
 
 
+def test_a_place_that_is_not_there_is_refused(write: "WriteResult", tmp_path: Path) -> None:
+    path = write((25.0, 0.9, 50.0))
+    with pytest.raises(UserError, match="typo: no such folder or result"):
+        gather([path, tmp_path / "typo"])
+
+
 def test_nothing_to_gather(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no result of a few-shot training"):
         gather([tmp_path])

@@ -43,7 +43,8 @@ def run_tables(options: TablesOptions) -> tuple[str, ...]:
     if missing:
         tqdm.write("\n".join(describe_plan(runs)))
     lost = _make(missing, options)
-    entries = gather((options.out, *options.results))
+    made = (options.out,) if options.out.is_dir() or not options.results else ()
+    entries = gather((*made, *options.results))
     refuse_unequal(entries)
     options.out.mkdir(parents=True, exist_ok=True)
     told = [path for name in options.conventions for path in _write(options.out, entries, name)]

@@ -56,7 +56,7 @@ def gather(places: Sequence[Path]) -> tuple[Entry, ...]:
     """The few-shot evaluations below some folders, in the order of their paths.
 
     Raises:
-        UserError: there is none, or one cannot be read.
+        UserError: there is none, or a place or a result cannot be read.
     """
     paths = sorted({path.resolve() for place in places for path in _results_below(place)})
     entries = without_copies(
@@ -151,6 +151,8 @@ def refuse_unequal(entries: Sequence[Entry]) -> None:
 def _results_below(place: Path) -> list[Path]:
     if place.is_file():
         return [place]
+    if not place.is_dir():
+        raise UserError(f"{place}: no such folder or result: correct the path.")
     return sorted(place.rglob(RESULT_NAME))
 
 
