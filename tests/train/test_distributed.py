@@ -11,7 +11,7 @@ from torch import nn
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.checkpoint import load_checkpoint
-from actorsnerf_train.distributed import Team, gathering, local_device, shared, team
+from actorsnerf_train.distributed import Team, gathering, local_device, refuse_company, shared, team
 from actorsnerf_train.options import Changes, Resources
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
 
@@ -80,6 +80,14 @@ def test_half_a_torchrun_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(UserError, match="WORLD_SIZE is 2 but MASTER_ADDR, MASTER_PORT is not set"):
         team(CPU).__enter__()
+
+
+def test_a_command_for_one_process_refuses_company(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WORLD_SIZE", "1")
+    refuse_company()
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    with pytest.raises(UserError, match="WORLD_SIZE is 2, but only pretrain and fewshot"):
+        refuse_company()
 
 
 def test_devices_that_are_not_there_are_refused() -> None:

@@ -80,6 +80,17 @@ def test_a_number_that_means_nothing_is_refused_by_name(
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize("command", [EVALUATION, FILM, REPORT, STABILITY, TABLES])
+def test_several_processes_are_for_trainings(
+    command: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    assert run(*command) == 2
+    assert "only pretrain and fewshot share their work out" in capsys.readouterr().err
+
+
 def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(*TABLES, "--seeds") == 2
     assert "error: --seeds names nothing" in capsys.readouterr().err

@@ -13,6 +13,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.allocator import keep_memory
 from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.bake import BakeCommand, run_bake
+from actorsnerf_train.distributed import refuse_company
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.pretrain import PretrainOptions, run_pretrain
@@ -33,7 +34,8 @@ DESCRIPTION = """Train, evaluate and animate people from prepared files.
   tables     the paper's tables: plans the runs, makes those missing, writes Markdown, CSV, LaTeX
 
 Prepared files come from: python -m actorsnerf_preprocess prepare --help
-Several GPUs: torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
+Several GPUs (pretrain and fewshot only):
+  torchrun --nproc-per-node 4 -m -- actorsnerf_train pretrain --device cuda ...
 """
 INTERRUPTED = 130
 """Exit status of a program that Ctrl-C stopped."""
@@ -117,6 +119,8 @@ def _run(
 ) -> tuple[str, ...]:
     """What to tell when the command is done."""
     program = "python -m actorsnerf_train"
+    if not isinstance(options, PretrainOptions | FewshotOptions):
+        refuse_company()
     match options:
         case PretrainOptions():
             return (

@@ -54,6 +54,20 @@ def team(device: torch.device) -> Iterator[Team]:
         distributed.destroy_process_group()
 
 
+def refuse_company() -> None:
+    """Nothing, if this process is alone: several would do the same work and write the same files.
+
+    Raises:
+        UserError: torchrun has started several.
+    """
+    processes = os.environ.get("WORLD_SIZE", "1")
+    if processes != "1":
+        raise UserError(
+            f"WORLD_SIZE is {processes}, but only pretrain and fewshot share their work out: start "
+            "this command without torchrun, or unset WORLD_SIZE."
+        )
+
+
 def local_device(name: str) -> torch.device:
     """The device of this process; "cuda" under torchrun is the process's own GPU.
 
