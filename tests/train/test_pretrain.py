@@ -65,6 +65,14 @@ def test_weights_that_are_not_there_are_refused(options: PretrainOptions, tmp_pa
     assert not options.run.exists()
 
 
+def test_weights_that_would_be_left_out_are_refused(
+    options: PretrainOptions, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match=r"r\.pth: the encoder would begin from random weights"):
+        run_pretrain(replace(options, trunk_file=tmp_path / "r.pth"))
+    assert not options.run.exists()
+
+
 def test_parts_can_be_left_out(options: PretrainOptions) -> None:
     change = replace(options.change, steps=1)
     bare = replace(options, without=("deformation", "body_features"), change=change)

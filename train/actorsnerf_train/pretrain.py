@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import PretrainingDataset
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
 from actorsnerf_model.pretrained import load_trunk
@@ -48,7 +49,8 @@ class PretrainOptions:
     trunk_weights: Literal["imagenet", "random"] | None = None
     """What the encoder's trunk begins from; the preset's if left out."""
     trunk_file: Path | None = None
-    """torchvision's resnet18-f37072fd.pth or vgg16-397923af.pth; vgg16 also comes with LPIPS."""
+    """torchvision's resnet18-f37072fd.pth or vgg16-397923af.pth; vgg16 also comes with LPIPS. Give
+    --trunk-weights imagenet with it where the preset begins from random ones."""
     change: Changes = field(default_factory=Changes)
     """Differences from the preset."""
     use: Resources = field(default_factory=Resources)
@@ -116,6 +118,12 @@ def begin_trunk(method: ActorsNeRF, file: Path | None) -> Origin:
 def _config(options: PretrainOptions, paths: tuple[Path, ...]) -> TrainConfig:
     preset = changed(pretraining(options.preset), options.change)
     config = replace(preset, model=_model(preset.actorsnerf, options))
+    encoder = config.actorsnerf.encoder
+    if options.trunk_file is not None and encoder.weights == "random":
+        raise UserError(
+            f"--trunk-file {options.trunk_file}: the encoder would begin from random weights and "
+            "leave the file out: add --trunk-weights imagenet, or leave out --trunk-file."
+        )
     return on_ground(config, background_of(paths))
 
 

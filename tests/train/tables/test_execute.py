@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ def test_an_ablation_from_category_to_result(people: "People", tmp_path: Path) -
     category = Run(
         tmp_path / "category-no-deformation", "no-deformation", (people.ann,), None, 0, 2
     )
-    execute(category, OPTIONS)
+    execute(category, replace(OPTIONS, trunk_file=Path("not-asked-for.pth")))
     assert category.status == "done"
     assert not any("deformation" in n for n in load_checkpoint(category.folder).part("model"))
     run = Run(tmp_path / "eve", "no-deformation", (people.eve,), "fewshot-5", 3, 2)

@@ -1,5 +1,6 @@
 """A planned run made, or gone on with: trained, and evaluated if it is of one actor."""
 
+from actorsnerf_train.config import pretraining
 from actorsnerf_train.evaluate import EvaluateOptions, run_evaluate
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.options import Changes
@@ -19,13 +20,14 @@ def execute(run: Run, options: TablesOptions) -> None:
     change = Changes(steps=run.steps, seed=run.seed)
     if run.setting is None:
         without = (ABLATED[run.method],) if run.method in ABLATED else ()
+        asks = pretraining(preset).actorsnerf.encoder.weights == "imagenet"
         run_pretrain(
             PretrainOptions(
                 run.data,
                 run.folder,
                 preset,
                 without,
-                trunk_file=options.trunk_file,
+                trunk_file=options.trunk_file if asks else None,
                 change=change,
                 use=use,
             )
