@@ -166,6 +166,17 @@ def test_stopping_by_hand_says_how_to_go_on(
     assert "the same command goes on from the last checkpoint" in capsys.readouterr().err
 
 
+def test_what_begins_anew_does_not_promise_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(program, "run_evaluate", stopped)
+    assert run(*EVALUATION) == 130
+    assert capsys.readouterr().err == "stopped\n"
+
+
 def test_only_one_process_of_torchrun_speaks(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

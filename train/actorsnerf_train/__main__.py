@@ -89,7 +89,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(*failure.lines, sep="\n")
         return 1
     except KeyboardInterrupt:
-        print("stopped; the same command goes on from the last checkpoint", file=sys.stderr)
+        again = isinstance(options, PretrainOptions | FewshotOptions | TablesOptions)
+        goes_on = "; the same command goes on from the last checkpoint" if again else ""
+        print(f"stopped{goes_on}", file=sys.stderr)
         return INTERRUPTED
     if os.environ.get("RANK", "0") == "0":  # one process of torchrun's speaks
         print(*told, sep="\n")
