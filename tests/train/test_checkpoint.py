@@ -85,6 +85,16 @@ def test_a_write_that_fails_leaves_the_old_checkpoint(
     assert load_checkpoint(tmp_path).info.step == 40
 
 
+def test_what_is_no_whole_checkpoint_is_told_apart(tmp_path: Path) -> None:
+    baked = tmp_path / "actor.safetensors"
+    baked.write_bytes(b"bricks")
+    with pytest.raises(CheckpointError, match="is no checkpoint .actor.json is not beside it"):
+        load_checkpoint(baked)
+    save_checkpoint(tmp_path, INFO, tensors()).unlink()
+    with pytest.raises(CheckpointError, match="latest: names step_000040.json, which is not there"):
+        load_checkpoint(tmp_path)
+
+
 def test_a_millionth_step_is_newer_than_the_one_before(tmp_path: Path) -> None:
     for step in (999_998, 999_999, 1_000_000):
         save_checkpoint(tmp_path, replace(INFO, step=step), tensors())

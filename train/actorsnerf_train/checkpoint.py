@@ -208,8 +208,19 @@ def checkpoint_path(source: Path) -> Path:
                 f"{source}: holds no checkpoint ({FOLDER}/{LATEST} is missing): not a run folder, "
                 "or its training was stopped before the first checkpoint."
             )
-        return source / FOLDER / f"{latest.read_text(encoding='utf-8').strip()}.json"
+        path = source / FOLDER / f"{latest.read_text(encoding='utf-8').strip()}.json"
+        if not path.is_file():
+            raise CheckpointError(
+                f"{latest}: names {path.name}, which is not there: an incomplete copy? Copy the "
+                "run again, or name another of its checkpoints."
+            )
+        return path
     path = source.with_suffix(".json")
+    if source.is_file() and not path.is_file():
+        raise CheckpointError(
+            f"{source}: is no checkpoint ({path.name} is not beside it): copy both files of one; a "
+            "baked actor is taken by render and evaluate only."
+        )
     if not path.is_file():
         raise CheckpointError(
             f"{source}: no such run folder or checkpoint; pretrain first "
