@@ -178,3 +178,13 @@ def test_a_changed_package_file_is_not_unpickled(
     monkeypatch.setattr(lpips, "installed_weights", lambda: path)
     with pytest.raises(WeightsError, match=r"vgg16\.ckpt: SHA-256 is [0-9a-f]{16}…, expected 2ecb"):
         load_lpips()
+
+
+@pytest.mark.parametrize("name", ["vgg.pth", "vgg.safetensors"])
+def test_a_damaged_file_of_weights_is_one_sentence(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    for content in (b"junk", b""):
+        path.write_bytes(content)
+        with pytest.raises(WeightsError, match=rf"{name}: cannot be read as weights") as refusal:
+            load_lpips(LpipsFiles(path, path))
+        assert "\n" not in str(refusal.value)

