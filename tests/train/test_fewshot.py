@@ -11,8 +11,8 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.humannerf import HumanNeRFState
 from actorsnerf_model.neuralbody import NeuralBody
 from actorsnerf_model.presets import HUMANNERF_TINY
-from actorsnerf_model.pretrained import WeightsError
 from actorsnerf_model.render import render
+from actorsnerf_model.weight_file import WeightsError
 from actorsnerf_train.batches import camera_of
 from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
 from actorsnerf_train.config import MethodName, pretraining

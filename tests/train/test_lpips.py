@@ -7,8 +7,9 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from actorsnerf_model.weight_file import WeightsError
 from actorsnerf_train import lpips
-from actorsnerf_train.lpips import Lpips, LpipsFiles, LpipsNumbers, WeightsError, load_lpips
+from actorsnerf_train.lpips import Lpips, LpipsFiles, LpipsNumbers, load_lpips
 
 CHANNELS = (64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512)
 HEAD_CHANNELS = (64, 128, 256, 512, 512)

@@ -68,6 +68,25 @@ def test_video_has_all_pictures_in_order_without_the_odd_edge(tmp_path: Path) ->
     assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
 
 
+def test_a_video_that_lacks_pictures_is_no_video(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the disk is full, which OpenCV's writer keeps to itself."""
+
+    class Reader:
+        def __init__(self, path: str) -> None:
+            self.isOpened, self.release = Path(path).exists, list
+
+        def get(self, _: int) -> float:
+            return 2.0
+
+    monkeypatch.setattr(cv2, "VideoCapture", Reader)
+    pictures = (np.full((32, 64, 3), n, np.uint8) for n in (20, 40, 220))
+    with pytest.raises(OSError, match="only 2 of 3 pictures could be written"):
+        write_video(tmp_path / "v.mp4", pictures, 10.0)
+    assert not list(tmp_path.iterdir())
+
+
 def test_video_of_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no pictures to make a video of"):
         write_video(tmp_path / "v.mp4", [], 10.0)

@@ -47,6 +47,8 @@ def team(device: torch.device) -> Iterator[Team]:
             f"WORLD_SIZE is {processes} but {', '.join(missing)} is not set: start with "
             "torchrun --nproc-per-node N -m actorsnerf_train …, or unset WORLD_SIZE."
         )
+    if device.type == "cuda":
+        torch.cuda.set_device(device)  # else each process would also wake the first GPU
     distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
     try:
         yield Team(distributed.get_rank(), processes)
@@ -88,10 +90,12 @@ def shared(objective: nn.Module, team: Team) -> nn.Module:
     """The objective with gradients averaged over the team; itself where the team is one.
 
     Parts may be unused in a step (the deformation before its kick-in), so torch looks for them.
+    Buffers are not exchanged: the leader's are those that are saved, and the others' differ only in
+    running statistics, which no training step reads.
     """
     if team.processes == 1:
         return objective
-    return DistributedDataParallel(objective, find_unused_parameters=True)
+    return DistributedDataParallel(objective, find_unused_parameters=True, broadcast_buffers=False)
 
 
 def gathering(objective: nn.Module, last: bool) -> AbstractContextManager[None]:

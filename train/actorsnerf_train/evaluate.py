@@ -155,7 +155,8 @@ def evaluate(
             rows.append(strip_row(file, place, judged))
     evaluation = _evaluation(trained, file, plan, judgement, images)
     seconds = time.perf_counter() - began
-    return replace(evaluation, seconds=seconds, strip=_layout(file, shown, rows)), rows
+    strip_rows = _layout(file, shown, rows)
+    return replace(evaluation, seconds=seconds, strip=strip_rows, point=options.point), rows
 
 
 def plan_evaluation(

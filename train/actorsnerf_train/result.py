@@ -1,7 +1,7 @@
 """`result.json`: what one evaluation found, and everything one must know to believe it.
 
 Tables and reports read this file and nothing else. It is one flat JSON object (schema 2; 1
-lacked the last three):
+lacked category_seconds, strip and curve):
 
 =================== ===================================================================
 key                 value
@@ -46,6 +46,8 @@ strip               where the pictures of strip.png lie: {"cell": [width, height
 curve               error against time while it was fitted, rows {step, seconds, convention, psnr,
                     ssim, lpips_x1000, pictures}: mean over the few (camera, frame) pictures named;
                     seconds of training; null if it was not measured. Nothing was chosen by it
+point               named operating point that drew the pictures, e.g. "fast" (`report/points.py`);
+                    null: every sample that matters, or recorded before points were
 =================== ===================================================================
 
 PSNR in decibel (at most 100: equal pictures), LPIPS times 1000 or null. `metrics.py` defines the
@@ -183,6 +185,7 @@ class Evaluation:
     category_seconds: float | None = None
     strip: StripLayout | None = None
     curve: tuple[CurvePoint, ...] | None = None
+    point: str | None = None
 
     def mean(self, convention: ConventionName) -> MeanRow:
         """The actor's mean under a convention.

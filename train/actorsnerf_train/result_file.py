@@ -60,6 +60,8 @@ def markdown(evaluation: Evaluation) -> str:
         f"seed {evaluation.seed}, step {evaluation.step}.",
         "",
     ]
+    if evaluation.point is not None:
+        lines += [f"Drawn at the operating point `{evaluation.point}`.", ""]
     if evaluation.limited:
         lines += ["**A quick look: only part of the protocol's frames and cameras.**", ""]
     if evaluation.missing:

@@ -67,6 +67,7 @@ def test_nothing_to_gather(tmp_path: Path) -> None:
             {"configuration": to_json_object(replace(tuned(), precision="bfloat16"))},
             r"\(precision is 'float32' there, 'bfloat16' here\)",
         ),
+        ({"point": "fast"}, r"\(point is None there, 'fast' here\)"),
         ({"render_options": {"samples": 4}}, r"\(rendering/samples is 8 there, 4 here\)"),
     ],
 )

@@ -109,6 +109,7 @@ def way_to_learn(result: Evaluation, where: Path) -> dict[str, Json]:
         way[key] = {name: value for name, value in part.items() if name not in names}
     return way | {
         "rendering": dict(result.render_options),
+        "point": result.point,
         "baked": None if result.baked is None else result.baked.get("options"),
     }
 
