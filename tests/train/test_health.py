@@ -35,6 +35,19 @@ def test_a_vanished_actor_stops_after_the_window_and_the_grace() -> None:
         health.check(empty, 2, "ann")
 
 
+def test_the_last_step_is_judged_by_what_there_is() -> None:
+    health = Health(LIMITS)
+    health.check(Pulse(0.5, 0.001, 0.0, 10, 5), 9, "ann")  # gone on from a checkpoint
+    with pytest.raises(TrainingError, match=r"vanished .* over the last 1 steps"):
+        health.conclude(9)
+    early = Health(LIMITS)
+    early.check(Pulse(0.5, 0.001, 0.0, 10, 5), 1, "ann")
+    early.conclude(1)
+    healthy = Health(LIMITS)
+    healthy.check(GOOD, 9, "ann")
+    healthy.conclude(9)
+
+
 def test_fog_stops_too() -> None:
     health = Health(LIMITS)
     with pytest.raises(TrainingError, match="filled with fog"):

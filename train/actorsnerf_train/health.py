@@ -69,27 +69,37 @@ class Health:
         for values, value in ((self.inside, pulse.inside), (self.outside, pulse.outside)):
             if math.isfinite(value):
                 values.append(value)
-        if step >= self.limits.grace:
-            self._check_collapse(step)
+        self._check_collapse(step, self.limits.window)
 
-    def _check_collapse(self, step: int) -> None:
-        window = self.limits.window
-        if len(self.inside) == window and _mean(self.inside) < self.limits.least_inside:
+    def conclude(self, step: int) -> None:
+        """Judge the last step by what was seen, be it less than a window.
+
+        A training that goes on from a late checkpoint would otherwise end without a judgement.
+
+        Raises:
+            TrainingError: a collapsed actor.
+        """
+        self._check_collapse(step, 1)
+
+    def _check_collapse(self, step: int, fewest: int) -> None:
+        if step < self.limits.grace:
+            return
+        if len(self.inside) >= fewest and _mean(self.inside) < self.limits.least_inside:
             raise TrainingError(
                 f"step {step}: the actor has vanished (mean opacity {_mean(self.inside):.3f} on "
-                f"the person over the last {window} steps, expected over "
+                f"the person over the last {len(self.inside)} steps, expected over "
                 f"{self.limits.least_inside}); likely causes: too high a learning rate, empty or "
                 "shifted masks, or fits that miss the person. The last good checkpoint is kept; "
                 "look at the sample pictures, then begin a new run with a lower --rate-scale or "
                 "another --seed."
             )
-        if len(self.outside) == window and _mean(self.outside) > self.limits.most_outside:
+        if len(self.outside) >= fewest and _mean(self.outside) > self.limits.most_outside:
             raise TrainingError(
                 f"step {step}: the body's box is filled with fog (mean opacity "
-                f"{_mean(self.outside):.3f} beside the person over the last {window} steps, "
-                f"expected under {self.limits.most_outside}); likely causes: masks that cover the "
-                "background, or another background colour than the pictures'. The last good "
-                "checkpoint is kept."
+                f"{_mean(self.outside):.3f} beside the person over the last "
+                f"{len(self.outside)} steps, expected under {self.limits.most_outside}); likely "
+                "causes: masks that cover the background, or another background colour than the "
+                "pictures'. The last good checkpoint is kept."
             )
 
 

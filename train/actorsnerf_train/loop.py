@@ -143,6 +143,8 @@ class _Stride:
                 outcome: Outcome = self.objective(sample, known, window, jitter, background)
                 self.learner.backward(outcome.losses.total / config.accumulation)
             self.health.check(self.means.add(outcome), step, sample.target.actor)
+        if step + 1 == config.schedule.steps:
+            self.health.conclude(step)
         self.learner.step()
         return sample.target.actor
 
