@@ -29,7 +29,10 @@ class _Outcome:
 
 
 class ProcessTeam(Executor):
-    """`ProcessPoolExecutor`, but without a common pipe; a thread here waits for each process."""
+    """`ProcessPoolExecutor`, but without a common pipe; a thread here waits for each process.
+
+    With one process all end, and every future that is not done raises BrokenExecutor.
+    """
 
     def __init__(self, workers: int, initializer: Callable[[], None]) -> None:
         self._workers = [_start(initializer) for _ in range(workers)]
@@ -55,6 +58,8 @@ class ProcessTeam(Executor):
             worker.pipe.send(task)
             outcome: _Outcome = worker.pipe.recv()
         except (EOFError, OSError) as error:
+            for other in self._workers:  # what they do would be waited for in vain
+                other.process.kill()
             raise BrokenExecutor("a worker process was killed") from error
         finally:
             self._idle.put(worker)

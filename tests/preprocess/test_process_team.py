@@ -86,6 +86,14 @@ def test_a_worker_killed_between_two_tasks(two: ProcessTeam) -> None:
     assert any(isinstance(one, BrokenExecutor) for one in outcomes)
 
 
+def test_with_one_worker_all_end(two: ProcessTeam) -> None:
+    long = two.submit(sleep_and_tell, 600.0)
+    with pytest.raises(BrokenExecutor, match=KILLED):
+        two.submit(leave, 0).result()
+    assert isinstance(long.exception(), BrokenExecutor)
+    assert isinstance(two.submit(abs, -1).exception(), BrokenExecutor)
+
+
 def test_what_waits_is_given_up_on_the_way_out() -> None:
     team = ProcessTeam(1, nothing_to_begin)
     futures = [team.submit(sleep_and_tell, 0.3) for _ in range(3)]
