@@ -34,6 +34,7 @@ def train(run: Run, steps: int, seconds: float) -> None:
     entry = {"step": steps, "seconds": seconds, "lpips": 0.1}
     (run.folder / "log.jsonl").write_text(json.dumps(entry) + "\n")
     (run.folder / "checkpoints").mkdir()
+    (run.folder / "checkpoints" / f"step_{steps:06d}.json").write_text("{}")
     (run.folder / "checkpoints" / "latest").write_text(f"step_{steps:06d}\n")
 
 
