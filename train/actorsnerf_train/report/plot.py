@@ -5,6 +5,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.report.rows import ActorReport, PointRow, SpeedReport
@@ -49,6 +50,9 @@ def _draw(panel: Axes, actor: ActorReport) -> None:
     front = sorted((1e3 * r.seconds, _height(r)) for r in actor.points if r.dominated_by is None)
     panel.plot(*zip(*front, strict=True), "-", color="0.75", zorder=0)
     panel.set_xscale("log")
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.margins(x=0.12, y=0.2)
     panel.set_xlabel("ms a frame")
     panel.set_ylabel("dB to the reference picture in the box")
