@@ -14,6 +14,8 @@ COLOURS = {"reference": "0.3", "exact": "tab:green", "stated": "tab:blue", "bake
 DPI = 110
 CEILING = 100.0
 """Decibel at which the reference itself is drawn."""
+DECADES = 300.0
+"""Times whose axis spans less, as a ratio, have numbers at 1, 2 and 5."""
 SLANT = 35.0
 """Degrees of the names, which would cover each other where points have the same error."""
 
@@ -50,10 +52,12 @@ def _draw(panel: Axes, actor: ActorReport) -> None:
     front = sorted((1e3 * r.seconds, _height(r)) for r in actor.points if r.dominated_by is None)
     panel.plot(*zip(*front, strict=True), "-", color="0.75", zorder=0)
     panel.set_xscale("log")
-    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    panel.xaxis.set_major_formatter("{x:g}")
-    panel.xaxis.set_minor_formatter(NullFormatter())
     panel.margins(x=0.12, y=0.2)
+    low, high = panel.get_xlim()
+    if high < DECADES * low:  # decades alone would leave one number or none
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
     panel.set_xlabel("ms a frame")
     panel.set_ylabel("dB to the reference picture in the box")
     width, height = actor.size
