@@ -11,7 +11,7 @@ from actorsnerf_datasets.torch_dataset import Sample
 from actorsnerf_train.batches import SampleSource, jitter_generator
 from actorsnerf_train.checkpoint import load_checkpoint
 from actorsnerf_train.config import TrainConfig
-from actorsnerf_train.health import TrainingError
+from actorsnerf_train.health import HealthLimits, TrainingError
 from actorsnerf_train.loop import Training, known_actor, train
 from actorsnerf_train.methods import KnownActor, know_actor, window_at
 from actorsnerf_train.objective import Objective
@@ -119,6 +119,16 @@ def test_a_spoiled_picture_stops_and_the_last_good_checkpoint_stays(
     kept = load_checkpoint(tmp_path)
     assert kept.info.step == 4
     assert all(tensor.isfinite().all() for tensor in kept.tensors.values())
+
+
+def test_the_last_step_is_judged_before_it_is_saved(
+    make_training: MakeTraining, config: TrainConfig, tmp_path: Path
+) -> None:
+    limits = HealthLimits(window=1000, grace=0, least_inside=1.1)  # nobody is so opaque
+    training = make_training(tmp_path, replace(config, health=limits))
+    with pytest.raises(TrainingError, match=f"step {config.schedule.steps - 1}: .* has vanished"):
+        train(training)
+    assert load_checkpoint(tmp_path).info.step < config.schedule.steps
 
 
 def test_accumulation_is_the_mean_gradient(

@@ -99,20 +99,10 @@ def run_render(options: AnimateOptions) -> tuple[Path, ...]:
 
 
 def _refuse_nonsense(options: AnimateOptions) -> None:
-    for name, value in (
-        ("pictures", options.pictures),
-        ("size", options.size),
-        ("samples", options.samples),
-    ):
-        at_least(name, value, 1)
-    for name, positive in (
-        ("fps", options.fps),
-        ("mesh-resolution", options.mesh_resolution),
-        ("mesh-level", options.mesh_level),
-    ):
-        above(name, positive, 0)
-    above("elevation", options.elevation, -90)  # straight above, a camera has no upright
-    below("elevation", options.elevation, 90)
+    at_least(1, options, "pictures", "size", "samples")
+    above(0, options, "fps", "mesh_resolution", "mesh_level")
+    above(-90, options, "elevation")  # straight above, a camera has no upright
+    below(90, options, "elevation")
 
 
 def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple[Path, ...]:

@@ -116,15 +116,9 @@ def run_evaluate(options: EvaluateOptions) -> Evaluation:
 
 
 def _refuse_nonsense(options: EvaluateOptions) -> None:
-    for name, value in (
-        ("max-frames", options.max_frames),
-        ("max-cameras", options.max_cameras),
-        ("samples", options.samples),
-    ):
-        at_least(name, value, 1)
-    at_least("strip", options.strip, 0)
-    at_least("stop-transmittance", options.stop_transmittance, 0)
-    below("stop-transmittance", options.stop_transmittance, 1)
+    at_least(1, options, "max_frames", "max_cameras", "samples")
+    at_least(0, options, "strip", "stop_transmittance")
+    below(1, options, "stop_transmittance")
 
 
 def evaluate(

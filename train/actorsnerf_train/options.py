@@ -60,22 +60,11 @@ def refuse_nonsense(changes: Changes, use: Resources) -> None:
     Raises:
         UserError: one cannot.
     """
-    for name, value in (
-        ("steps", changes.steps),
-        ("samples", changes.samples),
-        ("patches", changes.patches),
-        ("accumulation", changes.accumulation),
-    ):
-        at_least(name, value, 1)
-    for name, value in (
-        ("seed", changes.seed),
-        ("checkpoint-every", changes.checkpoint_every),
-        ("picture-every", changes.picture_every),
-        ("workers", use.workers),
-    ):
-        at_least(name, value, 0)
-    above("rate-scale", changes.rate_scale, 0)
-    below("rate-scale", changes.rate_scale, math.inf)
+    at_least(1, changes, "steps", "samples", "patches", "accumulation")
+    at_least(0, changes, "seed", "checkpoint_every", "picture_every")
+    at_least(0, use, "workers")
+    above(0, changes, "rate_scale")
+    below(math.inf, changes, "rate_scale")
 
 
 def changed(config: TrainConfig, changes: Changes) -> TrainConfig:

@@ -14,7 +14,6 @@ from tyro.conf import Positional
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
 from actorsnerf_train.bounds import at_least
-from actorsnerf_train.checkpoint import CheckpointInfo
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.evaluate import published_lpips
 from actorsnerf_train.labels import label_from, left_out
@@ -138,9 +137,8 @@ def _check(options: ReportOptions) -> None:
             f"--reference-share is {options.reference_share:g}, expected more than 0 and at most "
             "1: the share of the rays that the reference draws."
         )
-    for name in ("frames", "cameras", "rounds", "samples"):
-        at_least(name, getattr(options, name), 1)
-    at_least("seed", options.seed, 0)
+    at_least(1, options, "frames", "cameras", "rounds", "samples")
+    at_least(0, options, "seed")
 
 
 def _subject(checkpoint: Path, options: ReportOptions, device: torch.device) -> _Subject:
@@ -177,7 +175,11 @@ def _actor_report(
         checkpoint=str(trained.path),
         data=str(subject.data),
         data_sha256=subject.digest,
-        method=_label(trained.info),
+        method=label_from(
+            trained.info.method,
+            left_out(trained.info.configuration),
+            scratch=trained.info.origin.category_digest is None,
+        ),
         preset=trained.config.preset,
         step=trained.info.step,
         size=frames[0].camera.size,
@@ -194,11 +196,6 @@ def _actor_report(
         parts=parts,
     )
     return report, measured
-
-
-def _label(info: CheckpointInfo) -> str:
-    scratch = info.origin.category_digest is None
-    return label_from(info.method, left_out(info.configuration), scratch)
 
 
 def _memory(

@@ -73,8 +73,7 @@ def run_stability(options: StabilityOptions) -> tuple[str, ...]:
         UserError: no such run or file, or one that cannot be used.
     """
     began = time.perf_counter()
-    at_least("poses", options.poses, 1)
-    at_least("long-steps", options.long_steps, 1)
+    at_least(1, options, "poses", "long_steps")
     device = local_device(options.device)
     bench = make_bench(options.run, options.data, options.preset, device)
     folder = _folder(options)

@@ -57,14 +57,8 @@ def _refuse_nonsense(options: TablesOptions) -> None:
     for name in ("seeds", "methods", "settings", "conventions"):
         if not getattr(options, name):
             raise UserError(f"--{name} names nothing: give at least one, or leave it out.")
-    for name, value in (
-        ("steps", options.steps),
-        ("pretrain-steps", options.pretrain_steps),
-        ("max-frames", options.max_frames),
-    ):
-        at_least(name, value, 1)
-    for seed in options.seeds:
-        at_least("seeds", seed, 0)
+    at_least(1, options, "steps", "pretrain_steps", "max_frames")
+    at_least(0, options, "seeds")
 
 
 def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:
