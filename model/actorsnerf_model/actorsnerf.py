@@ -248,7 +248,8 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         if self._deforms(actor.window):
             assert self.deformation is not None
             with self.networks(points):
-                offset = self.deformation(normal, actor.window, pose.pose, codes)
+                given = self.deformation.point_input(normal, actor.window, codes)
+                offset = self.deformation.from_input(given, pose.pose)
             normal = normal + offset.to(normal.dtype)
             points = (normal + 1) * ((high - low) / 2) + low
         with torch.autocast(points.device.type, enabled=False):

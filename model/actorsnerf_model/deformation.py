@@ -68,23 +68,36 @@ class Deformation(nn.Module):
         points: Float[Tensor, "points 3"],
         opened: float,
         pose: Float[Tensor, "24 3"],
-        codes: Float[Tensor, "points views code"] | None,
+        pixels: Float[Tensor, "points views channels"] | None,
     ) -> Float[Tensor, "points 3"]:
-        """Offsets of the points; the pose's share of each layer is computed once, not per point.
+        """Offsets of the points, in the published order: all that follows computes the same.
 
         Args:
             points: canonical, normalised to [-1, 1].
             opened: open octaves of the encoding.
-            pose: axis-angle; the root is ignored.
-            codes: pixel features already through `pixel_code.weight`, without its bias: that is
-                what lets the linear layer run on the feature map, before interpolation.
+            pose: axis-angle; the root is ignored. Repeated for every point.
+            pixels: the support views' features at the points, in the encoder's channels.
         """
-        return self.from_input(self.point_input(points, opened, codes), pose)
+        parts = [annealed_fourier_features(points, self.octaves, opened)]
+        if self.pixel_code is not None:
+            assert pixels is not None
+            parts.append(self.pixel_code(pixels).flatten(1))
+        parts.append(pose[1:].reshape(1, POSE_NUMBERS).expand(points.shape[0], -1))
+        hidden = given = torch.cat(parts, dim=1)
+        for i, layer in enumerate(self.hidden):
+            if i == self.skip:
+                hidden = torch.cat([hidden, given], dim=1)
+            hidden = F.relu(layer(hidden))
+        offsets: Tensor = self.offset(hidden)
+        return offsets
 
     def from_input(
         self, given: Float[Tensor, "points given"], pose: Float[Tensor, "24 3"]
     ) -> Float[Tensor, "points 3"]:
-        """The offsets of points in a pose from their `point_input`, which no pose changes."""
+        """The offsets of points in a pose from their `point_input`, which no pose changes.
+
+        The pose's share of each layer is computed once, not per point.
+        """
         numbers = pose[1:].reshape(POSE_NUMBERS)
         hidden = given[:, :0]
         for i, layer in enumerate(self.hidden):
@@ -105,7 +118,14 @@ class Deformation(nn.Module):
         opened: float,
         codes: Float[Tensor, "points views code"] | None,
     ) -> Float[Tensor, "points given"]:
-        """What the layers read of points besides the pose; arguments as in `forward`."""
+        """What the layers read of points besides the pose.
+
+        Args:
+            points: canonical, normalised to [-1, 1].
+            opened: open octaves of the encoding.
+            codes: pixel features already through `pixel_code.weight`, without its bias: that is
+                what lets the linear layer run on the feature map, before interpolation.
+        """
         parts = [annealed_fourier_features(points, self.octaves, opened)]
         if self.pixel_code is not None:
             assert codes is not None

@@ -1,9 +1,10 @@
 """The rendering network: features and position in, colour and density out (paper sec. 3.5).
 
-It computes the released network's function with fewer products: the pixel layer runs on the
-feature map, before interpolation; the body branch runs once, not once a view; where a linear layer
-comes before the mean over views, the mean comes first; and colour, which the density does not read,
-is its own branch, for the points that can be seen.
+`Radiance.forward` is the published order of operations, which the reference renderer asks for. The
+other methods compute the same function with fewer products: the pixel layer runs on the feature
+map, before interpolation; the body branch runs once, not once a view; where a linear layer comes
+before the mean over views, the mean comes first; and colour, which the density does not read, is
+its own branch, for the points that can be seen.
 """
 
 from dataclasses import dataclass
@@ -78,12 +79,37 @@ class Radiance(nn.Module):
     def forward(
         self,
         points: Float[Tensor, "points 3"],
-        pixels: Float[Tensor, "points views code"] | None,
+        pixels: Float[Tensor, "points views channels"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
-        """Colour in (0, 1) and density in 1/metre, of the same arguments as `features`."""
-        features = self.features(points, pixels, body)
-        return self.colour(features), self.density(features)
+        """Colour in (0, 1) and density in 1/metre, in the published order of operations.
+
+        Every view takes its own row through every layer until the means; `features`, `density` and
+        `colour` compute the same.
+
+        Args:
+            points: instance space, normalised to [-1, 1].
+            pixels: the support views' features, in the encoder's channels.
+            body: body features at the points.
+        """
+        views = 1 if pixels is None else pixels.shape[1]
+        position = fourier_features(points, self.config.octaves, identity=True)
+        position = position[:, None].expand(-1, views, -1)
+        read = []
+        if self.body is not None:
+            assert body is not None
+            read.append(F.relu(self.body(body[:, None].expand(-1, views, -1))))
+        if self.pixel is not None:
+            assert pixels is not None
+            read.append(F.relu(self.pixel(pixels)))
+        given = torch.cat(read, dim=-1) if read else position
+        hidden = torch.cat([F.relu(self.density_0(given)), position], dim=-1)
+        hidden = F.relu(self.density_1(hidden).mean(dim=1))
+        hidden = F.relu(self.density_3(F.relu(self.density_2(hidden))))
+        density = positive_density(self.density_out(hidden)[:, 0], self.config)
+        hidden = torch.cat([F.relu(self.colour_0(given)), position], dim=-1)
+        hidden = F.relu(self.colour_2(F.relu(self.colour_1(hidden))).mean(dim=1))
+        return torch.sigmoid(self.colour_out(F.relu(self.colour_3(hidden)))), density
 
     def features(
         self,

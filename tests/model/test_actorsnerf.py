@@ -4,18 +4,13 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import support_tensors, supports_from_tensors
 from actorsnerf_model.actor_states import ActorsNeRFState, CategoryPrior
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
-from actorsnerf_model.fourier import annealed_fourier_features, fourier_features
-from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.presets import TINY
-from actorsnerf_model.skinning import forward_warp
-from actorsnerf_model.sparse_conv import query
 from actorsnerf_model.states import DensityFirst, Located, Method, PoseState
 
 Views = Callable[..., tuple[View, ...]]
@@ -65,61 +60,6 @@ def field(scene: Scene) -> DensityFirst:
 def is_method(method: ActorsNeRF) -> Method[ActorsNeRFState]:
     """For the type checker: the contract is kept."""
     return method
-
-
-def plain_field(scene: Scene) -> tuple[Tensor, Tensor]:
-    """The released order of work: 256 channels interpolated, then every layer for every view."""
-    method, body = scene.method, scene.prior.body
-    assert method.deformation is not None and scene.prior.trunk is not None
-    assert method.deformation.pixel_code is not None
-    assert method.radiance.pixel is not None and method.radiance.body is not None
-    points = scene.located.canonical
-    posed, _ = forward_warp(points, body.skinning, body.body_from_canonical)
-    seen = read_features(scene.prior.trunk, body.cameras, posed)
-    low, high = body.geometry.box
-    normal = (points - low) / (high - low) * 2 - 1
-    given = torch.cat(
-        [
-            annealed_fourier_features(normal, method.deformation.octaves, OPEN),
-            method.deformation.pixel_code(seen).flatten(1),
-            scene.pose.pose[1:].reshape(1, 69).expand(len(points), -1),
-        ],
-        dim=1,
-    )
-    hidden = given
-    for i, layer in enumerate(method.deformation.hidden):
-        joined = torch.cat([hidden, given], dim=1) if i == method.deformation.skip else hidden
-        hidden = F.relu(layer(joined))
-    normal = normal + method.deformation.offset(hidden)
-    moved = (normal + 1) / 2 * (high - low) + low
-    held = query(scene.actor.levels, moved)[:, None].expand(-1, 3, -1)
-    net = method.radiance
-    assert net.pixel is not None and net.body is not None
-    joined = torch.cat([F.relu(net.body(held)), F.relu(net.pixel(seen))], dim=-1)
-    place = fourier_features(normal, net.config.octaves, identity=True)[:, None].expand(-1, 3, -1)
-    density = net.density_1(torch.cat([F.relu(net.density_0(joined)), place], -1)).mean(1)
-    density = net.density_out(F.relu(net.density_3(F.relu(net.density_2(F.relu(density))))))
-    colour = F.relu(net.colour_1(torch.cat([F.relu(net.colour_0(joined)), place], -1)))
-    colour = F.relu(net.colour_2(colour).mean(1))
-    rgb = torch.sigmoid(net.colour_out(F.relu(net.colour_3(colour))))
-    scale, shift = net.config.density_scale, net.config.density_shift
-    return rgb, F.softplus(density[:, 0] + shift) * scale
-
-
-def test_equals_the_plain_form(support_views: Views) -> None:
-    scene = stage(TINY, support_views(4))
-    assert len(scene.located.index) > 100
-    fast, (rgb, density) = field(scene), plain_field(scene)
-    torch.testing.assert_close(fast.rgb, rgb, atol=1e-5, rtol=0)
-    # One unit of the raw density is worth 100 per metre here.
-    torch.testing.assert_close(fast.density, density, atol=1e-3, rtol=1e-5)
-
-
-def test_equals_the_plain_form_in_double_precision(support_views: Views) -> None:
-    scene = stage(TINY, support_views(4, dtype=torch.float64))
-    fast, (rgb, density) = field(scene), plain_field(scene)
-    torch.testing.assert_close(fast.rgb, rgb, atol=1e-10, rtol=0)
-    torch.testing.assert_close(fast.density, density, atol=1e-8, rtol=1e-10)
 
 
 @pytest.mark.parametrize("config", ABLATIONS, ids=name)

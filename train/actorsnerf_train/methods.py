@@ -15,6 +15,7 @@ from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
 from actorsnerf_model.humannerf import HumanNeRF, HumanNeRFConfig
 from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.neuralbody import NeuralBody, NeuralBodyConfig
+from actorsnerf_model.published_order import PublishedOrder
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.schedule import open_bands
 
@@ -48,6 +49,14 @@ def build_method(config: TrainConfig, device: torch.device) -> AnyMethod:
             method = NeuralBody(config.model, dtype)
     torch.set_rng_state(state)
     return method.to(device)
+
+
+def as_published(method: AnyMethod) -> PublishedOrder | AnyMethod:
+    """The method with its field in the published order of operations.
+
+    The baselines are themselves: of their products only a frame's and a pose's share are moved.
+    """
+    return PublishedOrder(method) if isinstance(method, ActorsNeRF) else method
 
 
 def actorsnerf(method: AnyMethod) -> ActorsNeRF:
@@ -88,6 +97,11 @@ def know_actor(method: AnyMethod, supports: tuple[View, ...]) -> KnownActor:
     return KnownActor(geometry, prior)
 
 
+def prior_of(method: AnyMethod, supports: tuple[View, ...], known: KnownActor) -> Any:
+    """The actor's category prior: the kept one, or one with gradients."""
+    return known.prior or method.category_prior(supports, known.geometry)
+
+
 def step_state(
     method: AnyMethod, supports: tuple[View, ...], known: KnownActor, window: float
 ) -> tuple[Any, Float[Tensor, ""]]:
@@ -96,5 +110,5 @@ def step_state(
     The residual is the mean over voxels of the sum over channels of the absolute logits that the
     decoder adds to the prior (released code; the paper says L1 between weights and prior).
     """
-    prior = known.prior or method.category_prior(supports, known.geometry)
+    prior = prior_of(method, supports, known)
     return method.instance_state(prior, window), method.skinning_residual(prior)

@@ -1,11 +1,16 @@
 """Who draws the frames: a fitted actor at its operating points, and its baked forms."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.filled_cells import FilledActor
+from actorsnerf_model.learned_method import LearnedMethod
+from actorsnerf_train.methods import as_published, window_at
 from actorsnerf_train.report.measure import Contestant
 from actorsnerf_train.report.points import (
     POINTS,
@@ -55,7 +60,21 @@ def contestant_of(
         name = f"baked:{trained.path.stem}"
         return Contestant(name, _baked_says(trained), "baked", "float32", trained)
     actor = at_point(trained, point, filled)
+    if point.kind == "reference":
+        actor = in_published_order(actor)
     return Contestant(point.name, point.says, point.kind, point.precision, actor)
+
+
+@torch.no_grad()
+def in_published_order(trained: TrainedActor[Any]) -> TrainedActor[Any]:
+    """The actor as the reference asks it: networks in the published order, the same weights."""
+    assert isinstance(trained.method, LearnedMethod)
+    published = as_published(trained.method)
+    if published is trained.method:
+        return trained
+    window = window_at(trained.config, trained.info.step)
+    state = published.actor_state(trained.supports, window)
+    return replace(trained, method=published, state=state)
 
 
 def shows(baked: TrainedActor[Any], trained: TrainedActor[Any]) -> bool:
@@ -86,4 +105,10 @@ def _baked_says(trained: TrainedActor[Any]) -> str:
     return f"baked at {voxel:g} mm, {trained.path.stat().st_size / 1e6:.1f} MB"
 
 
-__all__ = ["chosen_points", "contestant_of", "contestants", "refuse_strangers"]
+__all__ = [
+    "chosen_points",
+    "contestant_of",
+    "contestants",
+    "in_published_order",
+    "refuse_strangers",
+]

@@ -68,13 +68,17 @@ class OperatingPoint:
 POINTS: tuple[OperatingPoint, ...] = (
     OperatingPoint(
         "reference",
-        "every sample through every network, float32",
+        "every sample through every network, in the published order, float32",
         "reference",
         stop=0.0,
         least_weight=0.0,
     ),
     OperatingPoint(
-        "complete", "empty space skipped; nothing else", "exact", stop=0.0, least_weight=0.0
+        "complete",
+        "empty space skipped and layers moved; nothing left out",
+        "exact",
+        stop=0.0,
+        least_weight=0.0,
     ),
     OperatingPoint(
         "exact", "also stops behind what is opaque to 0.1 %; no colour for what adds 1e-5", "exact"

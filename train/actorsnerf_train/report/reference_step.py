@@ -1,8 +1,8 @@
 """The reference's training step: every sample through every network, patch by patch.
 
-The actor's state is computed once a step and cut off: each patch adds to the gradients of its
-tensors, and one last pass carries them on into the weights. So no more than one patch's samples are
-held at a time, and nothing runs twice.
+The networks run in the published order of operations. The actor's state is computed once a step
+and cut off: each patch adds to the gradients of its tensors, and one last pass carries them on into
+the weights. So no more than one patch's samples are held at a time, and nothing runs twice.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from actorsnerf_model.rays import rays_through
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_train.batches import at_pixels, camera_of, on_background
 from actorsnerf_train.losses import training_losses
-from actorsnerf_train.methods import KnownActor, step_state
+from actorsnerf_train.methods import KnownActor, as_published, prior_of
 from actorsnerf_train.objective import Objective
 
 Value = TypeVar("Value")
@@ -38,8 +38,10 @@ def reference_step(
         window: open bands of the deformation's encoding.
         generator: jitters the samples; None spaces them evenly.
     """
-    target, method = sample.target, objective.method
-    state, residual = step_state(method, sample.supports, known, window)
+    target, method = sample.target, as_published(objective.method)
+    prior = prior_of(objective.method, sample.supports, known)
+    residual = objective.method.skinning_residual(prior)
+    state = method.instance_state(prior, window)
     cuts: list[tuple[Tensor, Tensor]] = []
     leaf = cut_off(state, cuts)
     picture = on_background(target, objective.options.background)
