@@ -289,7 +289,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
     def _radiance(
         self,
         normal: Float[Tensor, "points 3"],
-        pixels: Float[Tensor, "points views code"] | None,
+        pixels: Float[Tensor, "views points code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> DensityFirst:
         with self.networks(normal):
@@ -328,4 +328,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
             read = read_features(actor.maps, actor.body.cameras, posed)
         code = self.config.radiance.code
-        return read[..., :code], read[..., code:] if read.shape[-1] > code else None
+        if read.shape[-1] == code:
+            return read, None
+        pixels, codes = torch.split(read, [code, read.shape[-1] - code], dim=-1)
+        return pixels, codes

@@ -35,6 +35,6 @@ def vertex_features(
         posed_vertices: body frame of each view's frame, metres.
         rest_vertices: canonical frame, metres; encoded in metres, as released.
     """
-    seen = read_features(reduced, cameras, posed_vertices).flatten(1)
+    seen = read_features(reduced, cameras, posed_vertices).transpose(0, 1).flatten(1)
     place = fourier_features(rest_vertices, VERTEX_OCTAVES, identity=True)
     return torch.cat([seen, place.to(seen.dtype)], dim=1)

@@ -68,7 +68,7 @@ class Deformation(nn.Module):
         points: Float[Tensor, "points 3"],
         opened: float,
         pose: Float[Tensor, "24 3"],
-        pixels: Float[Tensor, "points views channels"] | None,
+        pixels: Float[Tensor, "views points channels"] | None,
     ) -> Float[Tensor, "points 3"]:
         """Offsets of the points, in the published order: all that follows computes the same.
 
@@ -81,7 +81,7 @@ class Deformation(nn.Module):
         parts = [annealed_fourier_features(points, self.octaves, opened)]
         if self.pixel_code is not None:
             assert pixels is not None
-            parts.append(self.pixel_code(pixels).flatten(1))
+            parts.extend(self.pixel_code(pixels).unbind(0))
         parts.append(pose[1:].reshape(1, POSE_NUMBERS).expand(points.shape[0], -1))
         hidden = given = torch.cat(parts, dim=1)
         for i, layer in enumerate(self.hidden):
@@ -108,7 +108,7 @@ class Deformation(nn.Module):
                 bias = F.linear(numbers, weight[:, -POSE_NUMBERS:], bias)
                 weight = weight[:, :-POSE_NUMBERS]
                 hidden = torch.cat([hidden, given], dim=1) if i else given
-            hidden = F.relu(F.linear(hidden, weight, bias))
+            hidden = F.relu_(F.linear(hidden, weight, bias))
         offsets: Tensor = self.offset(hidden)
         return offsets
 
@@ -116,7 +116,7 @@ class Deformation(nn.Module):
         self,
         points: Float[Tensor, "points 3"],
         opened: float,
-        codes: Float[Tensor, "points views code"] | None,
+        codes: Float[Tensor, "views points code"] | None,
     ) -> Float[Tensor, "points given"]:
         """What the layers read of points besides the pose.
 
@@ -129,5 +129,5 @@ class Deformation(nn.Module):
         parts = [annealed_fourier_features(points, self.octaves, opened)]
         if self.pixel_code is not None:
             assert codes is not None
-            parts.append((codes + self.pixel_code.bias).flatten(1))
+            parts.extend((codes + self.pixel_code.bias).unbind(0))
         return torch.cat(parts, dim=1)

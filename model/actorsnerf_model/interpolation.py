@@ -15,18 +15,22 @@ ROWS_AT_ONCE = 16384
 
 
 def bilinear(
-    table: Float[Tensor, "height width channels"], xy: Float[Tensor, "points 2"]
-) -> Float[Tensor, "points channels"]:
-    """Table rows read between four nodes; zero outside. Differentiable in both arguments.
+    tables: Float[Tensor, "tables height width channels"], xy: Float[Tensor, "tables points 2"]
+) -> Float[Tensor, "tables points channels"]:
+    """Rows of each table read between four nodes; zero outside. Differentiable in both arguments.
 
     Args:
-        table: one row of channels per node.
-        xy: x, y in nodes.
+        tables: one row of channels per node.
+        xy: x, y in nodes of each table's own points.
 
-    >>> bilinear(torch.tensor([[[0.0], [2.0]]]), torch.tensor([[0.5, 0.0]])).tolist()
-    [[1.0]]
+    >>> bilinear(torch.tensor([[[[0.0], [2.0]]]]), torch.tensor([[[0.5, 0.0]]])).tolist()
+    [[[1.0]]]
     """
-    return _interpolate(table, xy)
+    count, height, width, channels = tables.shape
+    first = height * width * torch.arange(count, device=xy.device)
+    first = first[:, None].expand(-1, xy.shape[1]).reshape(-1)
+    read = _interpolate(tables.reshape(-1, channels), xy.reshape(-1, 2), (height, width), first)
+    return read.reshape(count, xy.shape[1], channels)
 
 
 def trilinear(
@@ -38,7 +42,8 @@ def trilinear(
         volume: one row of channels per node; axes z, y, x.
         xyz: x, y, z in nodes.
     """
-    return _interpolate(volume, xyz)
+    rows = volume.reshape(-1, volume.shape[-1])
+    return _interpolate(rows, xyz, tuple(volume.shape[:-1]))
 
 
 def corners(
@@ -72,16 +77,21 @@ def corners(
 
 
 def _interpolate(
-    table: Float[Tensor, "*grid channels"], coordinates: Float[Tensor, "points axes"]
+    rows: Float[Tensor, "nodes channels"],
+    coordinates: Float[Tensor, "points axes"],
+    sizes: tuple[int, ...],
+    first: Int[Tensor, "points"] | None = None,
 ) -> Float[Tensor, "points channels"]:
-    sizes = tuple(table.shape[:-1])
-    rows = table.reshape(-1, table.shape[-1])
-    wants_gradient = torch.is_grad_enabled() and (table.requires_grad or coordinates.requires_grad)
+    """Rows between a grid's nodes; `first` is the number of each point's node (0, 0)."""
+    wants_gradient = torch.is_grad_enabled() and (rows.requires_grad or coordinates.requires_grad)
     if wants_gradient or coordinates.shape[0] <= ROWS_AT_ONCE:
         # In one piece: each call's backward makes a gradient as large as the table.
-        return _weighted_rows(rows, coordinates, sizes)
-    pieces = torch.split(coordinates, ROWS_AT_ONCE)
-    pieces = tuple(_weighted_rows(rows, piece, sizes) for piece in pieces)
+        return _weighted_rows(rows, coordinates, sizes, first)
+    pieces = []
+    for begin in range(0, coordinates.shape[0], ROWS_AT_ONCE):
+        part = slice(begin, begin + ROWS_AT_ONCE)
+        own = None if first is None else first[part]
+        pieces.append(_weighted_rows(rows, coordinates[part], sizes, own))
     return torch.cat(pieces)
 
 
@@ -89,10 +99,13 @@ def _weighted_rows(
     rows: Float[Tensor, "nodes channels"],
     coordinates: Float[Tensor, "points axes"],
     sizes: tuple[int, ...],
+    first: Int[Tensor, "points"] | None,
 ) -> Float[Tensor, "points channels"]:
     if coordinates.shape[0] == 0:
         return rows[:0] + coordinates.sum() * 0
     index, weight = corners(coordinates, sizes)
+    if first is not None:
+        index = index + first[:, None]
     return F.embedding_bag(index, rows, mode="sum", per_sample_weights=weight.to(rows.dtype))
 
 

@@ -25,7 +25,7 @@ class SupportCameras:
 
 def read_features(
     features: FeatureMap, cameras: SupportCameras, points: Float[Tensor, "views points 3"]
-) -> Float[Tensor, "points views channels"]:
+) -> Float[Tensor, "views points channels"]:
     """Each view's features where its copy of the points projects, bilinear.
 
     Zero outside the picture, as in the released code (a view that is smaller than the largest goes
@@ -39,6 +39,4 @@ def read_features(
     """
     seen = project(points, cameras.K, cameras.camera_from_body)
     pixels = torch.where(seen.in_front[..., None], seen.pixels, FAR_OUTSIDE)
-    cells = features.cells(pixels)
-    read = [bilinear(table, xy) for table, xy in zip(features.table, cells, strict=True)]
-    return torch.stack(read, dim=1)
+    return bilinear(features.table, features.cells(pixels))

@@ -41,14 +41,14 @@ class PointFeatures:
 
     position: Float[Tensor, "points position"]
     """Encoded."""
-    seen: Float[Tensor, "points views code"] | None
+    seen: Float[Tensor, "views points code"] | None
     """Each support view's pixel features, reduced."""
     body: Float[Tensor, "points code"] | None
     """SMPL features, reduced."""
 
     def chosen(self, which: Int[Tensor, "some"]) -> "PointFeatures":
         """Those of some of the points."""
-        seen = None if self.seen is None else self.seen[which]
+        seen = None if self.seen is None else self.seen[:, which]
         body = None if self.body is None else self.body[which]
         return PointFeatures(self.position[which], seen, body)
 
@@ -79,7 +79,7 @@ class Radiance(nn.Module):
     def forward(
         self,
         points: Float[Tensor, "points 3"],
-        pixels: Float[Tensor, "points views channels"] | None,
+        pixels: Float[Tensor, "views points channels"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> tuple[Float[Tensor, "points 3"], Float[Tensor, "points"]]:
         """Colour in (0, 1) and density in 1/metre, in the published order of operations.
@@ -92,29 +92,29 @@ class Radiance(nn.Module):
             pixels: the support views' features, in the encoder's channels.
             body: body features at the points.
         """
-        views = 1 if pixels is None else pixels.shape[1]
+        views = 1 if pixels is None else pixels.shape[0]
         position = fourier_features(points, self.config.octaves, identity=True)
-        position = position[:, None].expand(-1, views, -1)
+        position = position.expand(views, -1, -1)
         read = []
         if self.body is not None:
             assert body is not None
-            read.append(F.relu(self.body(body[:, None].expand(-1, views, -1))))
+            read.append(F.relu(self.body(body.expand(views, -1, -1))))
         if self.pixel is not None:
             assert pixels is not None
             read.append(F.relu(self.pixel(pixels)))
         given = torch.cat(read, dim=-1) if read else position
         hidden = torch.cat([F.relu(self.density_0(given)), position], dim=-1)
-        hidden = F.relu(self.density_1(hidden).mean(dim=1))
+        hidden = F.relu(self.density_1(hidden).mean(dim=0))
         hidden = F.relu(self.density_3(F.relu(self.density_2(hidden))))
         density = positive_density(self.density_out(hidden)[:, 0], self.config)
         hidden = torch.cat([F.relu(self.colour_0(given)), position], dim=-1)
-        hidden = F.relu(self.colour_2(F.relu(self.colour_1(hidden))).mean(dim=1))
+        hidden = F.relu(self.colour_2(F.relu(self.colour_1(hidden))).mean(dim=0))
         return torch.sigmoid(self.colour_out(F.relu(self.colour_3(hidden)))), density
 
     def features(
         self,
         points: Float[Tensor, "points 3"],
-        pixels: Float[Tensor, "points views code"] | None,
+        pixels: Float[Tensor, "views points code"] | None,
         body: Float[Tensor, "points body"] | None,
     ) -> PointFeatures:
         """What both branches read.
@@ -136,7 +136,7 @@ class Radiance(nn.Module):
 
     def density(self, features: PointFeatures) -> Float[Tensor, "points"]:
         """Density in 1/metre."""
-        hidden = self._joined(self.density_0, features).mean(dim=1)
+        hidden = self._joined(self.density_0, features).mean(dim=0)
         hidden = F.relu_(_two_inputs(self.density_1, hidden, features.position))
         hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
         raw = self.density_out(hidden)[:, 0]
@@ -147,21 +147,21 @@ class Radiance(nn.Module):
         width, first = self.config.width, self.colour_1
         shared = F.linear(features.position, first.weight[:, width:], first.bias)
         joined = F.linear(self._joined(self.colour_0, features), first.weight[:, :width])
-        per_view = F.relu_(joined.add_(shared[:, None]))
-        hidden = F.relu_(self.colour_2(per_view.mean(dim=1)))
+        per_view = F.relu_(joined.add_(shared))
+        hidden = F.relu_(self.colour_2(per_view.mean(dim=0)))
         raw = self.colour_out(F.relu_(self.colour_3(hidden)))
         return torch.sigmoid(raw.to(features.position.dtype))
 
     def _joined(
         self, layer: nn.Linear, features: PointFeatures
-    ) -> Float[Tensor, "points views width"]:
+    ) -> Float[Tensor, "views points width"]:
         """First layer of a branch, view by view; the body's share is made once."""
         code = self.config.code
         if features.seen is None and features.body is None:
-            return F.relu_(layer(features.position))[:, None]
+            return F.relu_(layer(features.position))[None]
         total: Tensor = layer.bias
         if features.body is not None:
-            total = F.linear(features.body, layer.weight[:, :code], layer.bias)[:, None]
+            total = F.linear(features.body, layer.weight[:, :code], layer.bias)[None]
         if features.seen is not None:
             total = F.linear(features.seen, layer.weight[:, -code:]).add_(total)
         return F.relu_(total)

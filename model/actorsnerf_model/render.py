@@ -49,7 +49,7 @@ RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
 POINTS_AT_ONCE = 65536
 """Points that are located together, on a CPU."""
-LOOKED_AT_ONCE = 4096
+LOOKED_AT_ONCE = 2048
 """Points through the networks at once where no gradient is wanted, on a CPU: their hidden layers
 stay in its cache. A gradient wants few large pieces, because each makes one of whole tables."""
 STRIDE = 4

@@ -4,7 +4,7 @@ The weights live in a volume over the canonical box, 24 bones and a background (
 softmax). Names as in the paper: W_b is a bone's weight, M_b its motion from posed to canonical.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 import torch.nn.functional as F
@@ -32,6 +32,12 @@ class SkinningVolume:
     """Non-negative, at most 1 in sum (the rest is background); nodes include the box's faces."""
     box: Float[Tensor, "2 3"]
     """Lower and upper corner, canonical frame, metres."""
+    rows: Float[Tensor, "z y x 24"] = field(init=False)
+    """The weights again, all bones of a node side by side: what the forward warp reads."""
+
+    def __post_init__(self) -> None:
+        """Lays the weights out once, not at every look."""
+        object.__setattr__(self, "rows", self.weights.permute(1, 2, 3, 0).contiguous())
 
 
 def canonical_box(canonical_joints: Float[Tensor, "24 3"]) -> Float[Tensor, "2 3"]:
@@ -210,8 +216,7 @@ def forward_warp(
 
     Source: paper, linear blend skinning; the division is the released code's.
     """
-    rows = volume.weights.permute(1, 2, 3, 0).contiguous()
-    weights = trilinear(rows, nodes_from_canonical(canonical, volume))
+    weights = trilinear(volume.rows, nodes_from_canonical(canonical, volume))
     total = weights.sum(-1)
     held = total > LEAST_FORWARD_SUM
     share = weights / total.clamp(min=LEAST_FORWARD_SUM)[:, None]

@@ -24,5 +24,5 @@ def test_views_side_by_side_then_the_place_at_rest() -> None:
     assert given.shape == (11, vertex_channels(4, 3))
     read = read_features(features, cameras, posed)
     for view in range(3):
-        assert torch.equal(given[:, 4 * view : 4 * view + 4], read[:, view])
+        assert torch.equal(given[:, 4 * view : 4 * view + 4], read[view])
     assert torch.equal(given[:, 12:], fourier_features(rest, 10, identity=True))

@@ -33,7 +33,7 @@ def test_equals_the_published_order(channels: int) -> None:
         DeformationConfig(width=16, depth=4, skip=2, octaves=3, code=5), channels, torch.float32
     )
     points, pose = torch.rand(20, 3) * 2 - 1, torch.randn(24, 3)
-    pixels = torch.randn(20, VIEWS, channels) if channels else None
+    pixels = torch.randn(VIEWS, 20, channels) if channels else None
     fast = rearranged(net, points, 1.7, pose, pixels)
     torch.testing.assert_close(fast, net(points, 1.7, pose, pixels), atol=1e-5, rtol=1e-5)
 
@@ -48,7 +48,7 @@ def test_released_size() -> None:
 def test_starts_near_zero() -> None:
     net = Deformation(DeformationConfig(), 8, VIEWS)
     assert float(net.offset.weight.detach().abs().max()) <= 1e-5
-    offsets = net(torch.rand(9, 3), 6.0, torch.randn(24, 3), torch.randn(9, VIEWS, 8))
+    offsets = net(torch.rand(9, 3), 6.0, torch.randn(24, 3), torch.randn(VIEWS, 9, 8))
     assert float(offsets.detach().abs().max()) < 1e-2
 
 
@@ -65,16 +65,16 @@ def test_root_rotation_is_ignored_and_other_joints_are_not() -> None:
 def test_view_order_matters() -> None:
     net = made(DeformationConfig(width=16, depth=3, skip=1, octaves=2, code=4), 4, torch.float64)
     points, pose = torch.rand(4, 3, dtype=torch.float64), torch.zeros(24, 3, dtype=torch.float64)
-    pixels = torch.randn(4, VIEWS, 4, dtype=torch.float64)
+    pixels = torch.randn(VIEWS, 4, 4, dtype=torch.float64)
     seen = rearranged(net, points, 2.0, pose, pixels)
-    assert not torch.allclose(seen, rearranged(net, points, 2.0, pose, pixels.flip(1)))
+    assert not torch.allclose(seen, rearranged(net, points, 2.0, pose, pixels.flip(0)))
 
 
 def test_gradient() -> None:
     net = made(DeformationConfig(width=4, depth=3, skip=1, octaves=2, code=2), 3, torch.float64)
     points = torch.rand(2, 3, dtype=torch.float64, requires_grad=True)
     pose = torch.randn(24, 3, dtype=torch.float64, requires_grad=True)
-    pixels = torch.randn(2, VIEWS, 3, dtype=torch.float64, requires_grad=True)
+    pixels = torch.randn(VIEWS, 2, 3, dtype=torch.float64, requires_grad=True)
     names = [name for name, _ in net.named_parameters()]
     values = [p.detach().clone().requires_grad_() for p in net.parameters()]
 

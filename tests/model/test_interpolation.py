@@ -29,7 +29,7 @@ def test_bilinear_is_grid_sample(generator: torch.Generator, dtype: torch.dtype)
     grid = normalised(xy, (7, 5))[None, None]
     expected = F.grid_sample(table.permute(2, 0, 1)[None], grid, align_corners=True)[0, :, 0].T
     tolerance = 1e-5 if dtype == torch.float32 else 1e-12
-    torch.testing.assert_close(bilinear(table, xy), expected, rtol=0, atol=tolerance)
+    torch.testing.assert_close(bilinear(table[None], xy[None])[0], expected, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -54,35 +54,46 @@ def test_a_linear_field_is_read_exactly() -> None:
 def test_one_node_wide_grids_fade_to_zero_around_the_node() -> None:
     table = torch.full((1, 1, 1), 8.0)
     xy = torch.tensor([[0.0, 0.0], [0.5, 0.0], [-0.25, 0.5], [1.0, 0.0]])
-    assert bilinear(table, xy)[:, 0].tolist() == [8.0, 4.0, 3.0, 0.0]
+    assert bilinear(table[None], xy[None])[0, :, 0].tolist() == [8.0, 4.0, 3.0, 0.0]
 
 
 def test_gradients(generator: torch.Generator) -> None:
     volume = torch.randn(3, 4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
     xyz = anywhere(20, (5, 4, 3), generator)[:20] + 1e-3
     assert gradcheck(trilinear, (volume, xyz.requires_grad_()))
-    table = torch.randn(4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
-    xy = anywhere(20, (5, 4), generator)[:20] + 1e-3
-    assert gradcheck(bilinear, (table, xy.requires_grad_()))
+    tables = torch.randn(2, 4, 5, 2, generator=generator, dtype=torch.float64, requires_grad=True)
+    xy = (anywhere(20, (5, 4), generator) + 1e-3).reshape(2, 20, 2)
+    assert gradcheck(bilinear, (tables, xy.requires_grad_()))
+
+
+def test_each_table_is_read_at_its_own_points_alone(generator: torch.Generator) -> None:
+    """Also where a point lies outside, one row before the next table's first."""
+    tables = torch.randn(3, 4, 5, 2, generator=generator)
+    xy = anywhere(50, (5, 4), generator, torch.float32)
+    xy = torch.stack([xy, xy.flip(0), xy + 0.25])
+    together = bilinear(tables, xy)
+    for number in range(3):
+        alone = bilinear(tables[number : number + 1], xy[number : number + 1])
+        assert torch.equal(together[number : number + 1], alone)
 
 
 def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator: torch.Generator) -> None:
-    table = torch.randn(6, 6, 2, generator=generator)
-    xy = anywhere(ROWS_AT_ONCE, (6, 6), generator, torch.float32)
-    without = bilinear(table, xy)  # in pieces
-    with_gradient = bilinear(table.clone().requires_grad_(), xy)
+    tables = torch.randn(2, 6, 6, 2, generator=generator)
+    xy = anywhere(ROWS_AT_ONCE, (6, 6), generator, torch.float32).reshape(2, ROWS_AT_ONCE, 2)
+    without = bilinear(tables, xy)  # in pieces
+    with_gradient = bilinear(tables.clone().requires_grad_(), xy)
     torch.testing.assert_close(without, with_gradient.detach(), rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("wants_gradient", [True, False])
 def test_no_points(wants_gradient: bool) -> None:
-    table = torch.ones(2, 2, 3, requires_grad=wants_gradient)
-    assert bilinear(table, torch.zeros(0, 2)).shape == (0, 3)
+    tables = torch.ones(2, 2, 2, 3, requires_grad=wants_gradient)
+    assert bilinear(tables, torch.zeros(2, 0, 2)).shape == (2, 0, 3)
 
 
 def test_far_and_infinite_coordinates_read_zero() -> None:
     xy = torch.tensor([[1e30, 0.0], [-torch.inf, 0.0], [torch.inf, torch.inf], [0.0, -1e9]])
-    assert bilinear(torch.ones(3, 3, 1), xy).abs().max() == 0
+    assert bilinear(torch.ones(1, 3, 3, 1), xy[None]).abs().max() == 0
 
 
 def test_corners_outside_have_no_weight() -> None:

@@ -21,9 +21,9 @@ def test_features_lie_where_points_project() -> None:
     # 10 * 0.4 / 2 + 7 = 9 -> cell (9 - 0.5) / 2 = 4.25; 10 * -0.6 / 2 + 9 = 6 -> 2.75
     points = torch.tensor([[[0.4, -0.6, 0.0]], [[0.0, 0.0, 0.0]]])
     read = read_features(features, cameras, points)
-    assert read.shape == (1, 2, 3)
+    assert read.shape == (2, 1, 3)
     torch.testing.assert_close(read[0, 0], torch.tensor([4.25, 2.75, 1.0]))
-    torch.testing.assert_close(read[0, 1], torch.tensor([3.25, 4.25, 2.0]))
+    torch.testing.assert_close(read[1, 0], torch.tensor([3.25, 4.25, 2.0]))
 
 
 def test_zero_outside_and_behind_and_finite_gradient_everywhere() -> None:
@@ -31,8 +31,8 @@ def test_zero_outside_and_behind_and_finite_gradient_everywhere() -> None:
     places = [[50.0, 0, 0], [0, -50.0, 0], [0, 0, -4.0], [0.1, 0.1, -2.0], [0.0, 0.0, 0.0]]
     points = torch.tensor([places, places], requires_grad=True)
     read = read_features(features, cameras, points)
-    assert torch.equal(read[:4], torch.zeros(4, 2, 3))
-    assert bool((read[4, :, 2] > 0).all())
+    assert torch.equal(read[:, :4], torch.zeros(2, 4, 3))
+    assert bool((read[:, 4, 2] > 0).all())
     (gradient,) = torch.autograd.grad(read.sum(), points)
     assert bool(gradient.isfinite().all())
     assert torch.equal(gradient[:, :4], torch.zeros(2, 4, 3))

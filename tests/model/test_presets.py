@@ -42,8 +42,8 @@ def megaflops(config: ActorsNeRFConfig) -> float:
     net = Deformation(config.deformation_net, 256, config.views)
     radiance = Radiance(config.radiance, 256, config.sparse.tapped_channels)
     points, count = torch.rand(100, 3), 100
-    codes = torch.rand(count, config.views, config.deformation_net.code)
-    pixels = torch.rand(count, config.views, config.radiance.code)
+    codes = torch.rand(config.views, count, config.deformation_net.code)
+    pixels = torch.rand(config.views, count, config.radiance.code)
     body = torch.rand(count, config.sparse.tapped_channels)
     with FlopCounterMode(display=False) as counter, torch.no_grad():
         net.from_input(net.point_input(points, 2.0, codes), torch.zeros(24, 3))
@@ -58,7 +58,7 @@ def published_megaflops(config: ActorsNeRFConfig) -> float:
     net = Deformation(config.deformation_net, 256, config.views)
     radiance = Radiance(config.radiance, 256, config.sparse.tapped_channels)
     points, count = torch.rand(100, 3), 100
-    pixels = torch.rand(count, config.views, 256)
+    pixels = torch.rand(config.views, count, 256)
     with FlopCounterMode(display=False) as counter, torch.no_grad():
         net(points, 2.0, torch.zeros(24, 3), pixels)
         radiance(points, pixels, torch.rand(count, config.sparse.tapped_channels))

@@ -167,7 +167,7 @@ def test_bilinear_is_grid_sample(coordinates: list[float]) -> None:
     expected = F.grid_sample(table.permute(2, 0, 1)[None], normal[None, None], align_corners=True)[
         0, :, 0
     ].T
-    torch.testing.assert_close(bilinear(table, xy), expected, rtol=0, atol=1e-11)
+    torch.testing.assert_close(bilinear(table[None], xy[None])[0], expected, rtol=0, atol=1e-11)
 
 
 @SEARCH

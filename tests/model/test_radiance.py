@@ -29,7 +29,7 @@ def test_equals_the_published_order(config: RadianceConfig, pixel: int, body: in
     torch.manual_seed(2)
     net = Radiance(config, pixel, body)
     points = torch.rand(30, 3) * 2 - 1
-    seen = torch.randn(30, VIEWS, pixel) if pixel else None
+    seen = torch.randn(VIEWS, 30, pixel) if pixel else None
     held = torch.randn(30, body) if body else None
     rgb, density = rearranged(net, points, seen, held)
     slow_rgb, slow_density = net(points, seen, held)
@@ -59,10 +59,10 @@ def test_ranges() -> None:
 def test_view_order_does_not_matter() -> None:
     torch.manual_seed(3)
     net = Radiance(RadianceConfig(8, 8, 2), PIXEL, 0).double()
-    points, pixels = torch.rand(6, 3).double(), torch.randn(6, VIEWS, PIXEL).double()
+    points, pixels = torch.rand(6, 3).double(), torch.randn(VIEWS, 6, PIXEL).double()
     for run in (net, partial(rearranged, net)):
         rgb, density = run(points, pixels, None)
-        turned_rgb, turned_density = run(points, pixels.roll(1, dims=1), None)
+        turned_rgb, turned_density = run(points, pixels.roll(1, dims=0), None)
         torch.testing.assert_close(rgb, turned_rgb)
         torch.testing.assert_close(density, turned_density)
 

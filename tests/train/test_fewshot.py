@@ -72,7 +72,7 @@ def test_the_deformation_moves_points_at_the_end(fewshot_run: Path, category_run
     points = torch.rand(50, 3, generator=torch.Generator().manual_seed(3)) * 2 - 1
     octaves = trained.config.actorsnerf.deformation_net.octaves
     views = trained.config.model.views
-    offsets = deformation(points, float(octaves), torch.zeros(24, 3), torch.zeros(50, views, 256))
+    offsets = deformation(points, float(octaves), torch.zeros(24, 3), torch.zeros(views, 50, 256))
     assert offsets.abs().mean() > 1e-5
 
 

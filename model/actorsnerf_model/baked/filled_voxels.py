@@ -78,8 +78,7 @@ def anchors(filled: FilledVoxels, volume: SkinningVolume, spacing: float, least:
     visible = (filled.rings == 0).float()[None, None]
     cells = F.max_pool3d(visible, stride, ceil_mode=True)[0, 0]
     points = (cells.nonzero().flip(-1) + 0.5) * (stride * filled.edge) + filled.low
-    rows = volume.weights.permute(1, 2, 3, 0).contiguous()
-    weights = trilinear(rows, nodes_from_canonical(points, volume))
+    weights = trilinear(volume.rows, nodes_from_canonical(points, volume))
     return Anchors(tuple(points[held].T.contiguous() for held in (weights >= least).unbind(-1)))
 
 

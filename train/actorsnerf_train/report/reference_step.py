@@ -78,7 +78,8 @@ def cut_off(value: Value, cuts: list[tuple[Tensor, Tensor]]) -> Value:
     elif isinstance(value, tuple):
         cut = tuple(cut_off(item, cuts) for item in value)
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = {f.name: cut_off(getattr(value, f.name), cuts) for f in dataclasses.fields(value)}
+        given = [f.name for f in dataclasses.fields(value) if f.init]
+        parts = {name: cut_off(getattr(value, name), cuts) for name in given}
         cut = dataclasses.replace(value, **parts)
     done: Value = cut
     return done

@@ -99,7 +99,7 @@ def _blind(name: str, change: Change) -> Case:
         assert subject.state.maps is not None
         views, count = subject.supports, len(subject.supports[0].posed_vertices)
         channels = subject.state.maps.table.shape[-1]
-        return Answer(subject.like.new_zeros(count, len(views), channels))
+        return Answer(subject.like.new_zeros(len(views), count, channels))
 
     return Case("support views", name, "features that are read", BLIND, answer, truth)
 

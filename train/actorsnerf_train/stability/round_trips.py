@@ -154,8 +154,7 @@ def _region(joint: str) -> int:
 
 
 def _held(points: Float[Tensor, "points 3"], volume: SkinningVolume) -> Float[Tensor, "points 24"]:
-    rows = volume.weights.permute(1, 2, 3, 0).contiguous()
-    return trilinear(rows, nodes_from_canonical(points, volume))
+    return trilinear(volume.rows, nodes_from_canonical(points, volume))
 
 
 def _travel(traveller: _Traveller, poses: Float[Tensor, "poses 24 3"]) -> _Trips:
