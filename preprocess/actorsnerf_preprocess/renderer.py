@@ -1,9 +1,9 @@
 """Pictures, depth and labels of textured meshes, drawn without a screen.
 
-pyrender over EGL, with three corrections that its pictures need before they are data: GL's pixel
+pyrender over EGL, with four corrections that its pictures need before they are data: GL's pixel
 centres lie half a pixel from OpenCV's, its multisampled buffer returns depth from a shifted sample,
-and its viewer would load a window system. One `MeshRenderer` per process: closing one of two shuts
-the display under the other.
+its scenes are drawn in the order of memory addresses, and its viewer would load a window system.
+One `MeshRenderer` per process: closing one of two shuts the display under the other.
 """
 
 import os
@@ -11,6 +11,7 @@ import sys
 import types
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -51,6 +52,26 @@ def _headless_pyrender() -> types.ModuleType:
         )
     )
     return pyrender  # type: ignore[no-any-return] # ships no annotations
+
+
+def _ordered_scene(pyrender: types.ModuleType) -> type:
+    """A scene that gives its meshes and lights to the renderer in the order of their names.
+
+    pyrender keeps them in sets, so their order would follow from where in memory they happen to
+    lie. Where two triangles have the same depth the one drawn first stays, and sums of three or
+    more lights round by their order: pictures would differ from run to run in a few pixels.
+    """
+
+    class OrderedScene(pyrender.Scene):  # type: ignore[name-defined,misc] # ships no annotations
+        @property
+        def mesh_nodes(self) -> list[object]:
+            return sorted(super().mesh_nodes, key=attrgetter("name"))
+
+        @property
+        def light_nodes(self) -> list[object]:
+            return sorted(super().light_nodes, key=attrgetter("name"))
+
+    return OrderedScene
 
 
 def _gl_missing(cause: BaseException) -> RendererError:
@@ -152,6 +173,7 @@ class MeshRenderer:
 
     def __init__(self) -> None:
         self._pyrender = _headless_pyrender()
+        self._scene = _ordered_scene(self._pyrender)
         # By identity; the mesh is kept with its twin, so that no other can take its identity.
         self._held: dict[int, tuple[Mesh, object]] = {}
         try:
@@ -181,21 +203,22 @@ class MeshRenderer:
     ) -> Drawing:
         """The meshes seen by one camera; no lighting gives the texture's own colours.
 
+        Where several have the same depth, the one given first is in front.
         Without `labels` the second pass is saved and `Drawing.labels` is 1 wherever a mesh is.
         Meshes stay uploaded until others are drawn: draw all cameras of a frame in a row.
         """
         pyrender = self._pyrender
-        scene = pyrender.Scene(
+        scene = self._scene(
             bg_color=(0, 0, 0, 0), ambient_light=[lighting.ambient if lighting else 1.0] * 3
         )
         nodes: dict[object, int] = {}
-        for mesh, uploaded in zip(meshes, self._uploaded(meshes), strict=True):
-            node = pyrender.Node(mesh=uploaded)
+        for place, (mesh, uploaded) in enumerate(zip(meshes, self._uploaded(meshes), strict=True)):
+            node = pyrender.Node(name=_name(place), mesh=uploaded)
             scene.add_node(node)
             nodes[node] = mesh.label
         self._add_camera(scene, camera)
-        for light in lighting.lights if lighting else ():
-            scene.add_node(self._light(light))
+        for place, light in enumerate(lighting.lights if lighting else ()):
+            scene.add_node(self._light(light, _name(place)))
         self._offscreen.viewport_width, self._offscreen.viewport_height = camera.size
         flags = pyrender.RenderFlags
         rgb, depth = self._offscreen.render(scene, flags.NONE if lighting else flags.FLAT)
@@ -247,7 +270,7 @@ class MeshRenderer:
         gl_axes = np.diag([1.0, -1.0, -1.0, 1.0])
         scene.add(intrinsics, pose=world_from_camera @ gl_axes)  # type: ignore[attr-defined]
 
-    def _light(self, light: Light) -> object:
+    def _light(self, light: Light, name: str) -> object:
         """GL lights shine along their own -z."""
         back = -light.direction / np.linalg.norm(light.direction)
         helper = np.eye(3)[np.argmin(np.abs(back))]
@@ -256,7 +279,16 @@ class MeshRenderer:
         pose = np.eye(4)
         pose[:3, :3] = np.stack([right, np.cross(back, right), back], axis=1)
         source = self._pyrender.DirectionalLight(color=np.ones(3), intensity=light.intensity)
-        return self._pyrender.Node(light=source, matrix=pose)
+        return self._pyrender.Node(name=name, light=source, matrix=pose)
+
+
+def _name(place: int) -> str:
+    """A name whose alphabetical order is that of the places.
+
+    >>> _name(2) < _name(10)
+    True
+    """
+    return f"{place:06d}"
 
 
 def check_headless_gl() -> str:

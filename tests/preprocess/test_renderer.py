@@ -1,3 +1,4 @@
+import itertools
 import os
 import subprocess
 import sys
@@ -89,6 +90,32 @@ def test_what_is_in_front_hides_what_is_behind_and_nothing_is_black(
     np.testing.assert_array_equal(drawing.rgb[drawing.labels > 0], 180)
     assert not drawing.rgb[drawing.labels == 0].any()
     np.testing.assert_allclose(drawing.depth[15, [5, 12, 25]], [0, 3, 2], atol=1e-4)
+
+
+def test_of_meshes_at_the_same_depth_the_first_given_is_in_front(renderer: MeshRenderer) -> None:
+    """Whatever their addresses in memory: else two runs draw different pictures."""
+    corners = rectangle((10, 10), (40, 30), 2.0)
+    paints = [renderer.paint(np.full((4, 4, 3), 20 + 20 * n, np.uint8), True) for n in range(8)]
+    for first in range(8):
+        order = [(first + step) % 8 for step in range(8)]
+        meshes = [quad(corners, paints[number], 1 + number) for number in order]
+        drawing = renderer.draw(meshes, at_origin(), None)
+        assert drawing.labels[20, 20] == 1 + first
+        assert drawing.rgb[20, 20, 0] == 20 + 20 * first
+
+
+def test_lights_are_added_up_in_the_order_given(renderer: MeshRenderer, grey: Paint) -> None:
+    """Two lights that cancel swallow a third that comes between them or before, by rounding.
+
+    Nobody lights a scene so, but any three lights may round by their order.
+    """
+    mesh = quad(rectangle((10, 10), (40, 30), 2.0), grey)
+    ahead = np.array([0.0, 0.0, 1.0])
+    plus, minus, small = Light(ahead, 1e9), Light(ahead, -1e9), Light(ahead, np.pi)
+    for _ in range(4):
+        for order in itertools.permutations((plus, minus, small)):
+            rgb = renderer.draw([mesh], at_origin(), Lighting(order, 0.0)).rgb
+            assert (rgb[20, 20, 0] > 150) == (order[2] is small)
 
 
 def test_without_labels_the_mask_is_the_same(renderer: MeshRenderer, grey: Paint) -> None:
