@@ -190,8 +190,8 @@ def _facts(performance: Performance, seen: NDArray[np.bool_]) -> dict[str, objec
         "outfit": asdict(actor.outfit),
         "first_camera": {
             "pool_frames": len(seen),
-            "share_of_surface_seen_in_the_first_third": float(areas @ seen[:clip].any(axis=0)),
-            "share_of_surface_seen_in_all": float(areas @ seen.any(axis=0)),
+            "share_of_surface_seen_in_the_first_third": float(areas[seen[:clip].any(axis=0)].sum()),
+            "share_of_surface_seen_in_all": float(areas[seen.any(axis=0)].sum()),
         },
     }
 
