@@ -51,7 +51,7 @@ def corners(
 ) -> tuple[Int[Tensor, "points corners"], Float[Tensor, "points corners"]]:
     """Flat node numbers and weights of each point's 2^axes corners.
 
-    A corner outside the grid has weight 0 and node 0.
+    A corner outside the grid has weight 0 and some node's number.
 
     Args:
         coordinates: in nodes, x first.
@@ -60,20 +60,22 @@ def corners(
     strides = [1]
     for size in reversed(sizes[1:]):
         strides.append(strides[-1] * size)
-    index = torch.zeros((coordinates.shape[0], 1), dtype=torch.long, device=coordinates.device)
-    weight = coordinates.new_ones((coordinates.shape[0], 1))
+    # One tensor per corner until the end: long rows are far faster than pairs side by side.
+    indices = [torch.zeros(1, dtype=torch.long, device=coordinates.device)]
+    weights = [coordinates.new_ones(1)]
     for axis, (size, stride) in enumerate(zip(reversed(sizes), strides, strict=True)):
         # Beyond one node outside everything is zero; clamping keeps the integers in range.
         place = coordinates[:, axis].clamp(-1.5, size + 0.5)
         low = place.detach().floor()
         share = place - low
-        node = torch.stack([low, low + 1], -1).long()
-        inside = (node >= 0) & (node < size)
-        side = torch.stack([1 - share, share], -1) * inside
-        node = (node * inside) * stride
-        index = (node[:, :, None] + index[:, None, :]).flatten(1)
-        weight = (side[:, :, None] * weight[:, None, :]).flatten(1)
-    return index, weight
+        nodes, sides = [], []
+        for node, side in ((low, 1 - share), (low + 1, share)):
+            held = node.long().clamp(0, size - 1)  # whole numbers first: what is none becomes one
+            nodes.append(held * stride)
+            sides.append(side * (node == held))
+        indices = [node + index for node in nodes for index in indices]
+        weights = [side * weight for side in sides for weight in weights]
+    return torch.stack(indices, -1), torch.stack(weights, -1)
 
 
 def _interpolate(

@@ -96,6 +96,14 @@ def test_far_and_infinite_coordinates_read_zero() -> None:
     assert bilinear(torch.ones(1, 3, 3, 1), xy[None]).abs().max() == 0
 
 
+def test_what_is_no_number_stays_so_and_reads_no_foreign_memory() -> None:
+    xy = torch.tensor([[torch.nan, 1.0], [1.0, 1.0]])
+    index, _ = corners(xy, (3, 3))
+    assert 0 <= int(index.min()) and int(index.max()) < 9
+    read = bilinear(torch.ones(1, 3, 3, 1), xy[None])[0, :, 0]
+    assert bool(read[0].isnan()) and read[1] == 1
+
+
 def test_corners_outside_have_no_weight() -> None:
     index, weight = corners(torch.tensor([[-0.25, 0.0]]), (2, 3))
     inside = weight[0] > 0
