@@ -99,7 +99,7 @@ def test_far_and_infinite_coordinates_read_zero() -> None:
 def test_what_is_no_number_stays_so_and_reads_no_foreign_memory() -> None:
     xy = torch.tensor([[torch.nan, 1.0], [1.0, 1.0]])
     index, _ = corners(xy, (3, 3))
-    assert 0 <= int(index.min()) and int(index.max()) < 9
+    assert int(index.min()) >= 0 and int(index.max()) < 9
     read = bilinear(torch.ones(1, 3, 3, 1), xy[None])[0, :, 0]
     assert bool(read[0].isnan()) and read[1] == 1
 
