@@ -44,8 +44,8 @@ class ActorBody:
     skinning: SkinningVolume
     bounds: SkinningBounds
     """Where each bone can matter."""
-    occupancy: OccupancyTables
-    """What each pose's occupancy is looked up in."""
+    occupancy: OccupancyTables | None
+    """What each pose's occupancy is looked up in; None where every sample is asked."""
     residual: Float[Tensor, "25 z y x"]
     """Learned logits that were added to the prior; the regulariser pulls them to zero."""
 

@@ -33,7 +33,7 @@ from actorsnerf_model.encoder import (
 )
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.learned_method import LearnedMethod
-from actorsnerf_model.occupancy import occupancy_tables, pose_occupancy
+from actorsnerf_model.occupancy import asks_every_sample, occupancy_tables, pose_occupancy
 from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 from actorsnerf_model.skinning import forward_warp, skinning_volume
@@ -161,7 +161,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             support_motions(supports, geometry.canonical_joints),
             volume,
             bounds,
-            occupancy_tables(volume, bounds),
+            None if asks_every_sample(geometry.box.device) else occupancy_tables(volume, bounds),
             residual,
         )
         if self.encoder is None:
@@ -218,9 +218,10 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         joints = actor.body.geometry.canonical_joints
         canonical_from_body, body_from_canonical = bone_motions(pose, rest_joints, joints)
         bounds = observation_bounds(posed_frames(pose, rest_joints)[1])
-        occupancy = pose_occupancy(
-            actor.body.occupancy, canonical_from_body, bounds, self.config.occupancy_threshold
-        )
+        tables, least = actor.body.occupancy, self.config.occupancy_threshold
+        occupancy = None
+        if tables is not None and not asks_every_sample(bounds.device):
+            occupancy = pose_occupancy(tables, canonical_from_body, bounds, least)
         return PoseState(pose, canonical_from_body, body_from_canonical, bounds, occupancy)
 
     def locate(

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.constants import constant
 
 TRUNK_CHANNELS = {"resnet18": 256, "vgg16": 448}
 """Of the joined map: 64 + 64 + 128 (stem, layer1, layer2); 64 + 128 + 256 (three VGG blocks)."""
@@ -110,7 +111,7 @@ def support_pictures(
     width = -(-max(view.image.shape[1] for view in views) // BLOCK) * BLOCK
     pictures = []
     for view in views:
-        ground = view.image.new_tensor(background)
+        ground = constant(background, view.image)
         alpha = view.alpha[..., None]
         picture = view.image * alpha + ground * (1 - alpha)
         padded = ground.expand(height, width, 3).clone()
@@ -196,8 +197,8 @@ class VGG16Trunk(nn.Module):
         self, pictures: Float[Tensor, "views 3 height width"]
     ) -> Float[Tensor, "views 448 cells_high cells_wide"]:
         """The joined map; pictures are normalised by ImageNet's mean and deviation."""
-        mean = pictures.new_tensor(IMAGENET_MEAN)[:, None, None]
-        deviation = pictures.new_tensor(IMAGENET_STD)[:, None, None]
+        mean = constant(IMAGENET_MEAN, pictures)[:, None, None]
+        deviation = constant(IMAGENET_STD, pictures)[:, None, None]
         x = ((pictures - mean) / deviation).contiguous(memory_format=torch.channels_last)
         first = self.features[:4](x)
         second = self.features[4:9](first)

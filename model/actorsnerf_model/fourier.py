@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from actorsnerf_model.constants import constant
+
 
 def fourier_features(
     values: Float[Tensor, "*batch axes"], octaves: int, identity: bool = False
@@ -46,7 +48,7 @@ def annealed_fourier_features(
     values: Float[Tensor, "*batch axes"], octaves: int, opened: float
 ) -> Float[Tensor, "*batch features"]:
     """Fourier features without identity, each octave times its Hann weight."""
-    weights = values.new_tensor(hann_window(opened, octaves))
+    weights = constant(hann_window(opened, octaves), values)
     waves = fourier_features(values, octaves)
     return waves * weights.repeat_interleave(2 * values.shape[-1])
 

@@ -28,7 +28,12 @@ from actorsnerf_model.kinematics import (
     posed_frames,
 )
 from actorsnerf_model.learned_method import LearnedMethod
-from actorsnerf_model.occupancy import OccupancyTables, occupancy_tables, pose_occupancy
+from actorsnerf_model.occupancy import (
+    OccupancyTables,
+    asks_every_sample,
+    occupancy_tables,
+    pose_occupancy,
+)
 from actorsnerf_model.skinning import SkinningVolume, skinning_volume
 from actorsnerf_model.skinning_bounds import SkinningBounds, locate, skinning_bounds
 from actorsnerf_model.skinning_decoder import SkinningDecoderConfig, skinning_decoder
@@ -73,7 +78,8 @@ class HumanNeRFState:
     body: RestBody
     skinning: SkinningVolume
     bounds: SkinningBounds
-    occupancy: OccupancyTables
+    occupancy: OccupancyTables | None
+    """None where every sample is asked."""
     window: float
     """Open octaves of the motion's encoding; <= 0 leaves the motion out."""
 
@@ -123,7 +129,7 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
             logits = self.skinning()
         volume = skinning_volume(logits, prior.log_prior, prior.box)
         bounds = skinning_bounds(volume)
-        tables = occupancy_tables(volume, bounds)
+        tables = None if asks_every_sample(prior.box.device) else occupancy_tables(volume, bounds)
         return HumanNeRFState(prior, volume, bounds, tables, window)
 
     def skinning_residual(self, prior: RestBody) -> Float[Tensor, ""]:
@@ -145,7 +151,10 @@ class HumanNeRF(LearnedMethod[RestBody, RestBody, HumanNeRFState]):
                 turned = self.refiner(pose)
             frames = chained_frames(turned, rest_joints)
         there, back = motions_between(*frames, actor.body.canonical_joints)
-        occupancy = pose_occupancy(actor.occupancy, there, bounds, self.config.occupancy_threshold)
+        tables, least = actor.occupancy, self.config.occupancy_threshold
+        occupancy = None
+        if tables is not None and not asks_every_sample(bounds.device):
+            occupancy = pose_occupancy(tables, there, bounds, least)
         return PoseState(pose, there, back, bounds, occupancy)
 
     def locate(

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from actorsnerf_datasets.skeleton import PARENTS
+from actorsnerf_model.constants import constant
 from actorsnerf_model.rotations import matrix_from_axis_angle
 
 OBSERVATION_MARGIN = 0.3
@@ -81,7 +82,7 @@ def _rigid(
     rotation: Float[Tensor, "*batch 3 3"], translation: Float[Tensor, "*batch 3"]
 ) -> Float[Tensor, "*batch 4 4"]:
     top = torch.cat([rotation, translation[..., None]], -1)
-    bottom = top.new_tensor([0.0, 0.0, 0.0, 1.0]).expand(*top.shape[:-2], 1, 4)
+    bottom = constant([0.0, 0.0, 0.0, 1.0], top).expand(*top.shape[:-2], 1, 4)
     return torch.cat([top, bottom], -2)
 
 

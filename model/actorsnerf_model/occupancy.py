@@ -37,6 +37,20 @@ class OccupancyTables:
     """Weight that a bone may have outside its table."""
 
 
+def asks_every_sample(device: torch.device) -> bool:
+    """Whether to go without cells: in a training step on a GPU.
+
+    The grid has the size of the pose, so making it needs numbers of the pose on the host, which
+    would wait for the GPU's last step; and the cells are no fewer than a step's samples, which the
+    foreground test, made on the GPU alone, may as well be asked about directly. The samples that
+    pass are the same.
+
+    >>> asks_every_sample(torch.device("cpu")), asks_every_sample(torch.device("cuda"))
+    (False, True)
+    """
+    return device.type != "cpu" and torch.is_grad_enabled()
+
+
 @torch.no_grad()
 def occupancy_tables(
     volume: SkinningVolume, bounds: SkinningBounds, cell: float = CELL
@@ -52,7 +66,7 @@ def occupancy_tables(
         bounds: of this volume.
         cell: edge of the occupancy cells, metres.
     """
-    sizes = torch.tensor(list(reversed(volume.weights.shape[1:])), device=volume.box.device)
+    sizes = torch.tensor(volume.weights.shape[:0:-1], device=volume.box.device)
     coarse = (volume.box[1] - volume.box[0]) / (sizes - 1)
     factors = (coarse / (cell / 1.5)).round().long().clamp(min=1)
     spacing = coarse / factors
@@ -64,9 +78,9 @@ def occupancy_tables(
     begin, end = nodes[:, 0], nodes[:, 1]
     low = volume.box[0] + (begin - 1) * coarse - (reach + 1) * spacing
     padded = F.pad(volume.weights, (1, 1, 1, 1, 1, 1))
-    fine, wide = factors.flip(0).tolist(), reach.flip(0).tolist()
+    fine, wide, *ends = torch.stack([factors.flip(0), reach.flip(0), *begin, *end]).tolist()
     peaks = []
-    for weights, first, last in zip(padded, begin.tolist(), end.tolist(), strict=True):
+    for weights, first, last in zip(padded, ends[:24], ends[24:], strict=True):
         crop = weights[first[2] : last[2] + 1, first[1] : last[1] + 1, first[0] : last[0] + 1]
         peaks.append(_peaks(crop, fine, wide))
     return OccupancyTables(tuple(peaks), low, spacing, cell, bounds.level)
@@ -81,6 +95,8 @@ def pose_occupancy(
 ) -> Occupancy:
     """The cells of a pose that can hold a point of likelihood >= threshold; never one too few.
 
+    The grid's size follows from the pose: one transfer to the host, for all bones together.
+
     Args:
         tables: of the actor.
         canonical_from_body: the bones' motions.
@@ -90,7 +106,8 @@ def pose_occupancy(
     cell = tables.cell
     sizes = torch.ceil((bounds[1] - bounds[0]) / cell).long().clamp(min=1)
     first, last = _touched(tables, canonical_from_body, bounds[0], sizes)
-    total = bounds.new_zeros(tuple(sizes.tolist()))
+    shape, *ends = torch.stack([sizes, *first, *last]).tolist()
+    total = bounds.new_zeros(shape)
     needed = threshold * (1 - 1e-4) - 24 * tables.level
     # Place of cell (0, 0, 0)'s middle, and one cell's step along x, y, z, in fine cells.
     motions = canonical_from_body[:, :3]
@@ -98,7 +115,7 @@ def pose_occupancy(
     middle = (motions[..., :3] * (bounds[0] + cell / 2)).sum(-1) + motions[..., 3]
     start = (middle - tables.low) / tables.spacing
     steps = motions[..., :3] * (cell / tables.spacing)[:, None]
-    for bone, (begin, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+    for bone, (begin, end) in enumerate(zip(ends[:24], ends[24:], strict=True)):
         if any(a >= b for a, b in zip(begin, end, strict=True)) or not tables.peaks[bone].numel():
             continue
         part = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
@@ -180,4 +197,11 @@ def window_max(values: Float[Tensor, "*grid"], axis: int, width: int) -> Float[T
     return values
 
 
-__all__ = ["CELL", "OccupancyTables", "occupancy_tables", "pose_occupancy", "window_max"]
+__all__ = [
+    "CELL",
+    "OccupancyTables",
+    "asks_every_sample",
+    "occupancy_tables",
+    "pose_occupancy",
+    "window_max",
+]

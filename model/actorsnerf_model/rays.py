@@ -50,7 +50,8 @@ def rays_through(pixels: Float[Tensor, "rays 2"], camera: Camera) -> Rays:
     rotation, translation = camera.camera_from_body[:3, :3], camera.camera_from_body[:3, 3]
     homogeneous = torch.cat([pixels, torch.ones_like(pixels[:, :1])], -1)
     with torch.autocast(pixels.device.type, enabled=False):
-        directions = homogeneous @ torch.linalg.inv(camera.K).T @ rotation
+        # `inv` would ask a GPU whether K is singular, and wait for its answer.
+        directions = homogeneous @ torch.linalg.inv_ex(camera.K).inverse.T @ rotation
         return Rays(-translation @ rotation, directions)
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
+from actorsnerf_model.constants import constant
 from actorsnerf_model.footprint import footprint
 from actorsnerf_model.pieces import at_once
 from actorsnerf_model.pixels_by_need import Agreement, by_need
@@ -149,7 +150,7 @@ def render_pixels(
     jitter = draw_jitter(rays, options.samples, generator)
     span = intersect_box(rays, pose.bounds)
     hit = span.hit.nonzero()[:, 0]
-    background = rays.directions.new_tensor(options.background)
+    background = constant(options.background, rays.directions)
     rgb = background.repeat(rays.directions.shape[0], 1)
     alpha = torch.zeros_like(rgb[:, 0])
     depth = torch.zeros_like(alpha)
@@ -318,7 +319,7 @@ def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located
     """
     rays, count = samples.depths.shape
     ray = located.index // count
-    per_ray = torch.bincount(ray, minlength=rays)
+    per_ray = ray.new_zeros(rays).index_add_(0, ray, torch.ones_like(ray))
     rank = torch.arange(ray.shape[0], device=ray.device) - (per_ray.cumsum(0) - per_ray)[ray]
     enough = -math.log(scene.options.stop_transmittance)
     absorbed = samples.depths.new_zeros(rays)

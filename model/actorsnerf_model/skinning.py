@@ -11,6 +11,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from actorsnerf_model.constants import constant
 from actorsnerf_model.interpolation import trilinear
 
 BOX_MARGIN = (0.2, 0.2, 1.0)
@@ -159,7 +160,7 @@ def bone_weights(
             about the whole canonical box.
     """
     places = bone_places(points, node_motions(volume, canonical_from_body))
-    sizes = places.new_tensor(list(reversed(volume.weights.shape[1:])))
+    sizes = constant(volume.weights.shape[:0:-1], places)
     low, high = torch.full_like(sizes, -1).expand(24, 3), sizes.expand(24, 3)
     if support is not None:
         inner = nodes_from_canonical(support, volume)
@@ -236,7 +237,7 @@ def blend(
 
 
 def _nodes_per_metre(volume: SkinningVolume) -> Float[Tensor, "3"]:
-    last = volume.box.new_tensor([size - 1 for size in reversed(volume.weights.shape[1:])])
+    last = constant([size - 1 for size in reversed(volume.weights.shape[1:])], volume.box)
     return last / (volume.box[1] - volume.box[0])
 
 

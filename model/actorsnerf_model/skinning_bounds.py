@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from actorsnerf_model.constants import constant
 from actorsnerf_model.pieces import at_once
 from actorsnerf_model.skinning import (
     SkinningVolume,
@@ -32,7 +33,7 @@ SUPPORT_LEVEL = 1e-10
 """Weight below which a bone is left out of the warp itself. 23 such weights move the likelihood by
 less than 3e-9 and a point at the threshold by less than a micrometre: float32 rounding."""
 POINTS_AT_ONCE = 8192
-"""Points that are culled or warped together; on a CPU their 24 places each stay in the cache."""
+"""Points that are culled or warped together on a CPU: their 24 places each stay in its cache."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,8 @@ def possible(
     table = lookup_table(volume)
     low, high = nodes_from_canonical(bounds.boxes, volume).unbind(1)
     kept = []
-    many = at_once(POINTS_AT_ONCE, points.device)
+    # A GPU takes all of them: the host waits for the count of every piece's survivors.
+    many = POINTS_AT_ONCE if points.device.type == "cpu" else max(points.shape[0], 1)
     for first in range(0, points.shape[0], many):
         piece = points[first : first + many]
         with torch.autocast(points.device.type, enabled=False):
@@ -144,9 +146,8 @@ def locate(
 def _boxes(volume: SkinningVolume, level: float) -> Float[Tensor, "24 2 3"]:
     """Each bone's box of nodes that reach a level, one node wider, in metres."""
     reached = volume.weights >= level
-    spacing = (volume.box[1] - volume.box[0]) / volume.box.new_tensor(
-        [size - 1 for size in reversed(volume.weights.shape[1:])]
-    )
+    last = [size - 1 for size in reversed(volume.weights.shape[1:])]
+    spacing = (volume.box[1] - volume.box[0]) / constant(last, volume.box)
     lows, highs = [], []
     for others in ((1, 2), (1, 3), (2, 3)):  # along x, y, z
         along = reached.any(others[1]).any(others[0])

@@ -1,10 +1,11 @@
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import torch
+from torch.overrides import TorchFunctionMode
 
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
-from actorsnerf_model.occupancy import occupancy_tables, pose_occupancy
+from actorsnerf_model.occupancy import asks_every_sample, occupancy_tables, pose_occupancy
 from actorsnerf_model.skinning import SkinningVolume, backward_warp, skinning_volume
 from actorsnerf_model.skinning_bounds import skinning_bounds
 from actorsnerf_model.skinning_prior import log_prior
@@ -12,6 +13,21 @@ from actorsnerf_model.states import Occupancy
 
 if TYPE_CHECKING:
     from tests.model.conftest import ToyScene
+
+
+class Transfers(TorchFunctionMode):
+    """Counts what brings numbers of a tensor to the host."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.count = 0
+
+    def __torch_function__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
+    ) -> Any:
+        names = ("tolist", "item", "cpu", "numpy", "__bool__", "__int__", "__float__", "__index__")
+        self.count += getattr(func, "__name__", "") in names
+        return func(*args, **(kwargs or {}))
 
 
 def spread(bounds: torch.Tensor, count: int, generator: torch.Generator) -> torch.Tensor:
@@ -94,6 +110,20 @@ def test_the_grid_covers_the_bounds(generator: torch.Generator, scene: "ToyScene
     assert torch.equal(occupancy.box[0], box[0])
     assert (occupancy.box[1] >= box[1] - 1e-6).all()
     assert (occupancy.box[1] - box[1] < scene.actor.tables.cell + 1e-6).all()
+
+
+def test_only_a_training_step_off_the_cpu_goes_without_cells() -> None:
+    cpu, other = torch.device("cpu"), torch.device("meta")
+    assert asks_every_sample(other) and not asks_every_sample(cpu)
+    with torch.no_grad():
+        assert not asks_every_sample(other)
+
+
+def test_a_pose_asks_the_device_once(generator: torch.Generator, scene: "ToyScene") -> None:
+    there, box = posed(generator, scene.actor.canonical_joints)
+    with Transfers() as transfers:
+        pose_occupancy(scene.actor.tables, there, box, 0.01)
+    assert transfers.count == 1
 
 
 def test_an_empty_volume_occupies_nothing(generator: torch.Generator, scene: "ToyScene") -> None:

@@ -59,7 +59,7 @@ def test_stream_is_the_source_in_order_for_any_number_of_workers(
 ) -> None:
     indices = [7, 3, 8, 0]
     state = torch.get_rng_state()
-    found = list(sample_stream(source, indices, workers, CPU))
+    found = list(sample_stream(source, indices, workers))
     assert torch.equal(torch.get_rng_state(), state)
     for index, sample in zip(indices, found, strict=True):
         assert same(sample, source[index])

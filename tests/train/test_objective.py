@@ -1,11 +1,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
+from torch.overrides import TorchFunctionMode
 
 from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_model import actorsnerf as actorsnerf_module
 from actorsnerf_train.batches import at_pixels, jitter_generator, on_background
 from actorsnerf_train.config import TrainConfig
 from actorsnerf_train.loop import Training
@@ -14,6 +17,27 @@ from actorsnerf_train.methods import KnownActor, actorsnerf, know_actor
 from actorsnerf_train.objective import Objective, Outcome
 
 CPU = torch.device("cpu")
+WAITING = {
+    *("item", "tolist", "cpu", "numpy", "new_tensor", "bincount", "is_nonzero", "equal"),
+    *("__bool__", "__int__", "__float__", "__index__", "linalg_inv"),
+}
+"""What makes the host wait for a GPU, but for the choice of ragged samples (`nonzero`)."""
+
+
+class Waits(TorchFunctionMode):
+    """Notes the calls that would make the host wait."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def __torch_function__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
+    ) -> Any:
+        name = getattr(func, "__name__", "")
+        if name in WAITING:
+            self.found.append(name)
+        return func(*args, **(kwargs or {}))
 
 
 @pytest.fixture
@@ -75,6 +99,27 @@ def test_same_jitter_same_loss(training: Training, sample: Sample, known: KnownA
     one = outcome_of(training, sample, known, 3.0)
     two = outcome_of(training, sample, known, 3.0)
     assert torch.equal(one.losses.total, two.losses.total)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_a_step_on_a_gpu_waits_for_nothing_but_the_count_of_samples(
+    training: Training, sample: Sample, frozen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if frozen:
+        training.method.freeze_category_prior()
+    known = know_actor(training.method, sample.supports)
+    with_cells = outcome_of(training, sample, known, 3.0)
+
+    def as_on_a_gpu(device: torch.device) -> bool:
+        return torch.is_grad_enabled()
+
+    monkeypatch.setattr(actorsnerf_module, "asks_every_sample", as_on_a_gpu)
+    waits = Waits()
+    with waits:
+        outcome = outcome_of(training, sample, known, 3.0)
+    assert waits.found == []
+    assert outcome.counts.survivors == with_cells.counts.survivors
+    torch.testing.assert_close(outcome.losses.total, with_cells.losses.total)
 
 
 def test_opacity_is_told_on_and_beside_the_person(

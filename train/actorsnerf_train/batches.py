@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from actorsnerf_datasets.torch_dataset import Sample, View
+from actorsnerf_model.constants import constant
 from actorsnerf_model.states import Camera
 
 Colour = tuple[float, float, float]
@@ -68,10 +69,8 @@ class Share:
         ]
 
 
-def sample_stream(
-    source: SampleSource, indices: Sequence[int], workers: int, device: torch.device
-) -> Iterator[Sample]:
-    """The samples of the indices, in their order, whatever the number of workers."""
+def sample_stream(source: SampleSource, indices: Sequence[int], workers: int) -> Iterator[Sample]:
+    """The samples of the indices, in their order, whatever the number of workers; on the host."""
     loader = DataLoader(
         _Indexed(source),
         sampler=indices,
@@ -80,8 +79,7 @@ def sample_stream(
         generator=torch.Generator(),  # leaves torch's default generator alone
         persistent_workers=False,
     )
-    for sample in loader:
-        yield sample_to(sample, device)
+    yield from loader
 
 
 def sample_to(sample: Sample, device: torch.device) -> Sample:
@@ -118,7 +116,7 @@ def camera_of(view: View) -> Camera:
 def on_background(view: View, background: Colour) -> Float[Tensor, "h w 3"]:
     """The view's picture in front of a colour, as the renderer composes it."""
     alpha = view.alpha[..., None]
-    return view.image * alpha + view.image.new_tensor(background) * (1 - alpha)
+    return view.image * alpha + constant(background, view.image) * (1 - alpha)
 
 
 def at_pixels(

@@ -63,8 +63,9 @@ class Training:
         if self.team.leads:
             tqdm.write(sentence)
 
-    def with_supports(self, sample: Sample) -> Sample:
-        """The sample with the supports it is trained with."""
+    def on_device(self, drawn: Sample) -> Sample:
+        """The sample with its tensors on the device and the supports it is trained with."""
+        sample = sample_to(drawn, self.device)
         return replace(sample, supports=self.supports) if self.supports else sample
 
 
@@ -103,11 +104,20 @@ def train(training: Training) -> Path:
     return checkpoint_path(training.folder.path)
 
 
-def known_actor(actors: dict[bytes, KnownActor], method: AnyMethod, sample: Sample) -> KnownActor:
-    """What is kept of the sample's actor; two sequences of one person differ in shape a little."""
-    shape = sample.target.canonical_joints.cpu().numpy().tobytes()
+def known_actor(
+    actors: dict[bytes, KnownActor], method: AnyMethod, drawn: Sample, supports: tuple[View, ...]
+) -> KnownActor:
+    """What is kept of the sample's actor; two sequences of one person differ in shape a little.
+
+    Args:
+        actors: those known so far; grows.
+        method: to be trained.
+        drawn: the sample on the host, where its actor is recognised without asking the device.
+        supports: the sample's, on the method's device.
+    """
+    shape = drawn.target.canonical_joints.numpy().tobytes()
     if shape not in actors:
-        actors[shape] = know_actor(method, sample.supports)
+        actors[shape] = know_actor(method, supports)
     return actors[shape]
 
 
@@ -123,7 +133,7 @@ class _Stride:
         )
         share = Share(team.rank, team.processes, config.accumulation)
         indices = share.indices(first, config.schedule.steps)
-        stream = sample_stream(training.source, indices, training.workers, training.device)
+        stream = sample_stream(training.source, indices, training.workers)
         self.samples = zip(indices, stream, strict=True)
         self.actors: dict[bytes, KnownActor] = {}
         self.health = Health(config.health)
@@ -134,8 +144,8 @@ class _Stride:
         config = self.training.folder.config
         for turn in range(config.accumulation):
             index, drawn = next(self.samples)
-            sample = self.training.with_supports(drawn)
-            known = known_actor(self.actors, self.training.method, sample)
+            sample = self.training.on_device(drawn)
+            known = known_actor(self.actors, self.training.method, drawn, sample.supports)
             jitter = jitter_generator(config.seed, index, self.training.device)
             random = config.background == "random"
             background = random_background(config.seed, index) if random else None
@@ -183,8 +193,9 @@ def _measure(training: Training, learner: Learner, step: int, seconds: float) ->
 
 def _picture(training: Training, actors: dict[bytes, KnownActor], window: float, step: int) -> None:
     """Write the strip of the training's first sample."""
-    sample = training.with_supports(sample_to(training.source[0], training.device))
-    known = known_actor(actors, training.method, sample)
+    drawn = training.source[0]
+    sample = training.on_device(drawn)
+    known = known_actor(actors, training.method, drawn, sample.supports)
     picture = snapshot(training.method, sample, known, window, training.folder.config.render)
     folder = training.folder.path / SNAPSHOTS
     folder.mkdir(exist_ok=True)

@@ -24,7 +24,11 @@ class Means:
         self.survivors = 0
 
     def add(self, outcome: Outcome) -> Pulse:
-        """The outcome's numbers, after they were added; one transfer from the device."""
+        """The outcome's numbers, after they were added; one transfer from the device.
+
+        Beside the ragged samples' counts it is all that a step waits for: what is no number must
+        be noticed before it reaches the weights.
+        """
         losses = outcome.losses
         tensors = (
             losses.total,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from actorsnerf_datasets.torch_dataset import Sample
@@ -76,9 +76,17 @@ class Objective(nn.Module):
             losses = replace(losses, total=losses.total + self._nothing())
         person = at_pixels(target.alpha, sample.patches).reshape(-1) > 0.5
         alpha = rendering.alpha.detach()
-        return Outcome(losses, alpha[person].mean(), alpha[~person].mean(), rendering.counts)
+        inside, outside = _mean_where(alpha, person), _mean_where(alpha, ~person)
+        return Outcome(losses, inside, outside, rendering.counts)
 
     def _nothing(self) -> Float[Tensor, ""]:
         """A zero with a gradient (also zero), so that every process has something to share."""
         learning = next(part for part in self.method.parameters() if part.requires_grad)
         return 0 * learning.sum()
+
+
+def _mean_where(
+    values: Float[Tensor, "pixels"], chosen: Bool[Tensor, "pixels"]
+) -> Float[Tensor, ""]:
+    """Mean of the chosen values, NaN of none; choosing them would make the host wait for a GPU."""
+    return torch.where(chosen, values, 0.0).sum() / chosen.sum()

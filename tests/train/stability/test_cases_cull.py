@@ -38,6 +38,7 @@ def test_an_empty_cell_is_found_out(bench: Bench) -> None:
     case = next(case for case in cull_cases(bench.subjects[0]) if case.group == "cull")
     subject = bench.subjects[0]
     body = subject.state.body
+    assert body.occupancy is not None
     tables = replace(body.occupancy, peaks=tuple(0.9 * peak for peak in body.occupancy.peaks))
     thin = replace(subject.state, body=replace(body, occupancy=replace(tables, level=-0.05)))
     assert not judged(case, (replace(subject, state=thin),)).passed
