@@ -8,6 +8,7 @@ from torch import Tensor
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.constants import constant
 from actorsnerf_model.encoder import FeatureMap
 from actorsnerf_model.kinematics import bone_motions
 from actorsnerf_model.occupancy import OccupancyTables
@@ -95,7 +96,13 @@ def support_cameras(views: tuple[View, ...]) -> SupportCameras:
     return SupportCameras(
         torch.stack([view.K for view in views]),
         torch.stack([view.camera_from_body for view in views]),
+        torch.stack([_picture_edges(view) for view in views]),
     )
+
+
+def _picture_edges(view: View) -> Float[Tensor, "2 2"]:
+    (x, y), (width, height) = view.offset, view.full_size
+    return constant([-x, -y, width - x, height - y], view.K).reshape(2, 2) - 0.5
 
 
 def support_motions(

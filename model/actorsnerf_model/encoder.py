@@ -105,7 +105,8 @@ def support_pictures(
 ) -> Float[Tensor, "views 3 height width"]:
     """The views' persons on the background, one batch.
 
-    Padded right and below to one size, a multiple of 8: intrinsics stay as they are.
+    Padded right and below to one size, a multiple of 8: intrinsics stay as they are. What of a crop
+    hangs over its picture's edge is background as well; no point reads features there.
     """
     height = -(-max(view.image.shape[0] for view in views) // BLOCK) * BLOCK
     width = -(-max(view.image.shape[1] for view in views) // BLOCK) * BLOCK

@@ -21,6 +21,9 @@ class SupportCameras:
     K: Float[Tensor, "views 3 3"]
     camera_from_body: Float[Tensor, "views 4 4"]
     """Each from its own frame's posed body frame."""
+    edges: Float[Tensor, "views 2 2"]
+    """Where the full picture begins and ends, x, y, in the crop's pixels: half a pixel beyond the
+    centres of its outermost ones."""
 
 
 def read_features(
@@ -28,9 +31,11 @@ def read_features(
 ) -> Float[Tensor, "views points channels"]:
     """Each view's features where its copy of the points projects, bilinear.
 
-    Zero outside the picture, as in the released code (a view that is smaller than the largest goes
-    on as plain background to the right and below); zero behind the camera too, where the released
-    code reads a mirrored place or infinity. Nothing tests whether a point is hidden.
+    Zero outside the picture, as in the released code, also where the view's crop hangs over the
+    picture's edge: the crop has background there, which nobody saw. (A view that is smaller than
+    the largest goes on as plain background to the right and below, up to the picture's edge.) Zero
+    behind the camera too, where the released code reads a mirrored place or infinity. Nothing tests
+    whether a point is hidden.
 
     Args:
         features: of K views.
@@ -38,5 +43,7 @@ def read_features(
         points: posed body frame of each view's frame, metres.
     """
     seen = project(points, cameras.K, cameras.camera_from_body)
-    pixels = torch.where(seen.in_front[..., None], seen.pixels, FAR_OUTSIDE)
+    low, high = cameras.edges[:, None].unbind(2)
+    inside = ((seen.pixels >= low) & (seen.pixels <= high)).all(-1)
+    pixels = torch.where((seen.in_front & inside)[..., None], seen.pixels, FAR_OUTSIDE)
     return bilinear(features.table, features.cells(pixels))

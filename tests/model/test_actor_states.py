@@ -51,6 +51,12 @@ def test_cameras_in_one_batch(support_views: Views) -> None:
     assert torch.equal(cameras.camera_from_body[1], views[1].camera_from_body)
 
 
+def test_a_crop_that_hangs_over_knows_where_its_picture_ends(support_views: Views) -> None:
+    over = replace(support_views()[0], offset=(-3, 5), full_size=(40, 30))
+    (edges,) = support_cameras((over,)).edges
+    assert edges.tolist() == [[2.5, -5.5], [42.5, 24.5]]
+
+
 def test_wrong_number_of_views(support_views: Views) -> None:
     with pytest.raises(UserError, match="2 support views were given, the model was built for 3"):
         check_supports(support_views(2), 3)

@@ -16,7 +16,8 @@ def test_views_side_by_side_then_the_place_at_rest() -> None:
     K = torch.tensor([[8.0, 0, 4], [0, 8.0, 5], [0, 0, 1]]).expand(3, 3, 3)
     camera = torch.eye(4)
     camera[2, 3] = 3.0
-    cameras = SupportCameras(K, camera.expand(3, 4, 4))
+    edges = torch.tensor([[-0.5, -0.5], [9.5, 11.5]]).expand(3, 2, 2)
+    cameras = SupportCameras(K, camera.expand(3, 4, 4), edges)
     posed = torch.rand(3, 11, 3, generator=generator)
     rest = torch.rand(11, 3, generator=generator)
     features = FeatureMap(table, first=0.0)

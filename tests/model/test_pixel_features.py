@@ -1,7 +1,12 @@
+from dataclasses import replace
+
 import torch
 
 from actorsnerf_model.encoder import FeatureMap
 from actorsnerf_model.pixel_features import SupportCameras, read_features
+
+EVERYWHERE = torch.tensor([[-100.0, -100.0], [100.0, 100.0]])
+"""Edges of a picture far around its crop."""
 
 
 def made() -> tuple[FeatureMap, SupportCameras]:
@@ -12,7 +17,7 @@ def made() -> tuple[FeatureMap, SupportCameras]:
     camera = torch.eye(4)
     camera[2, 3] = 2.0
     return FeatureMap(torch.stack(tables), first=0.5), SupportCameras(
-        K.expand(2, 3, 3), camera.expand(2, 4, 4)
+        K.expand(2, 3, 3), camera.expand(2, 4, 4), EVERYWHERE.expand(2, 2, 2)
     )
 
 
@@ -36,3 +41,15 @@ def test_zero_outside_and_behind_and_finite_gradient_everywhere() -> None:
     (gradient,) = torch.autograd.grad(read.sum(), points)
     assert bool(gradient.isfinite().all())
     assert torch.equal(gradient[:, :4], torch.zeros(2, 4, 3))
+
+
+def test_zero_where_a_crop_hangs_over_its_pictures_edge() -> None:
+    features, cameras = made()
+    # the second view's picture ends between its pixel columns 8 and 9
+    cut = torch.stack([EVERYWHERE, torch.tensor([[-100.0, -100.0], [8.5, 100.0]])])
+    # at 5 pixels a metre, columns 8 and 9
+    points = torch.tensor([[0.2, 0.0, 0.0], [0.4, 0.0, 0.0]]).expand(2, 2, 3)
+    whole = read_features(features, cameras, points)
+    read = read_features(features, replace(cameras, edges=cut), points)
+    assert torch.equal(read[:, 0], whole[:, 0]) and torch.equal(read[0], whole[0])
+    assert bool((whole[1, 1] > 0).all()) and torch.equal(read[1, 1], torch.zeros(3))

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
-from actorsnerf_model.pixel_features import SupportCameras, read_features
+from actorsnerf_model.actor_states import support_cameras
+from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.states import Located
 from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
 from actorsnerf_train.stability.cases_pictures import scene
@@ -87,10 +88,7 @@ def _blind(name: str, change: Change) -> Case:
     def answer(subject: Subject) -> Answer:
         assert subject.state.maps is not None
         views = tuple(change(view) for view in subject.supports)
-        cameras = SupportCameras(
-            torch.stack([view.K for view in views]),
-            torch.stack([view.camera_from_body for view in views]),
-        )
+        cameras = support_cameras(views)
         points = torch.stack([view.posed_vertices for view in views]).requires_grad_()
         read = read_features(subject.state.maps, cameras, points)
         return Answer(read.detach(), torch.autograd.grad(read.sum(), (points,)))
