@@ -91,11 +91,7 @@ def plan_sparse(
     shape = (z, y, x)
     coordinates = ((vertices - box[0]) / voxel).round().long().flip(1)
     if bool(((coordinates < 0) | (coordinates > extent)).any()):
-        raise UserError(
-            "rest vertices lie outside the canonical box, which is spanned by the rest joints: "
-            "are vertices and joints of the same actor, in metres, at rest? "
-            "Check the prepared file with actorsnerf-datasets check"
-        )
+        raise UserError(_outside(vertices, box))
     keys, row = torch.unique(_keys(coordinates, shape), sorted=True, return_inverse=True)
     made = [_level(keys, shape)]
     down = []
@@ -105,6 +101,19 @@ def plan_sparse(
         down.append(_pairs(made[-1], coarse.voxels, stride=2))
         made.append(coarse)
     return SparsePlan(box[0], voxel, _merge(row, made[0]), tuple(made), tuple(down))
+
+
+def _outside(vertices: Float[Tensor, "vertices 3"], box: Float[Tensor, "2 3"]) -> str:
+    """By how much a body is larger than its box, along which axis, and what may be the reason."""
+    beyond = torch.maximum(box[0] - vertices, vertices - box[1])
+    count, far = int((beyond > 0).any(1).sum()), beyond.amax(0)
+    return (
+        f"{count} of {len(vertices)} vertices lie outside the box around the rest joints, by up to "
+        f"{float(far.max()):.3g} m along {'xyz'[int(far.argmax())]}; likely causes: by some "
+        "centimetres, a body that is thicker than the spread of its joints allows for (the box has "
+        "a margin in proportion to it); by more, vertices and joints that are not of the same "
+        "actor, in metres, at rest. Check the prepared file with actorsnerf-datasets check"
+    )
 
 
 def _keys(voxels: Int[Tensor, "*batch 3"], shape: tuple[int, int, int]) -> Int[Tensor, "*batch"]:

@@ -82,3 +82,11 @@ def test_any_number_of_vertices() -> None:
 def test_vertices_outside_the_box_are_refused() -> None:
     with pytest.raises(UserError, match="in metres, at rest"):
         plan(vertices() * 1000)
+
+
+def test_a_body_thicker_than_its_box_is_told_so() -> None:
+    points = vertices()
+    points[7, 2] = BOX[1, 2] + 0.08
+    said = r"^1 of 60 vertices lie outside .* up to 0\.08 m along z; .* a body that is thicker than"
+    with pytest.raises(UserError, match=said):
+        plan(points)
