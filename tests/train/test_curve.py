@@ -80,6 +80,21 @@ def alone(curved: FewshotOptions, tmp_path: Path) -> FewshotOptions:
     )
 
 
+def run_until_killed(options: FewshotOptions, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five steps of a fitting, then the end of the process."""
+    whole = FewshotDataset.__getitem__
+
+    def until_killed(self: FewshotDataset, index: int) -> Sample:
+        if index == 5:
+            raise Killed
+        return whole(self, index)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FewshotDataset, "__getitem__", until_killed)
+        with pytest.raises(Killed):
+            run_fewshot(options)
+
+
 def test_measuring_changes_nothing_of_the_training(
     curved: FewshotOptions, fewshot_run: Path
 ) -> None:
@@ -131,27 +146,38 @@ def test_a_resumed_run_has_the_curve_of_an_unbroken_one(
     curved: FewshotOptions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options = replace(curved, run=tmp_path / "broken")
-    whole = FewshotDataset.__getitem__
-
-    def until_killed(self: FewshotDataset, index: int) -> Sample:
-        if index == 5:
-            raise Killed
-        return whole(self, index)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(FewshotDataset, "__getitem__", until_killed)
-        with pytest.raises(Killed):
-            run_fewshot(options)
+    run_until_killed(options, monkeypatch)
     # the last checkpoint is of step 3: what was measured after it is to be measured anew
     assert load_checkpoint(options.run).info.step == 3
     before = read_curve(options.run, 99)
     assert before is not None and [point.step for point in before] == [1, 2, 4, 5]
-    run_fewshot(options)
+    run_fewshot(replace(options, curve=False))  # a run that has a curve goes on with it
     broken, unbroken = read_curve(options.run, 99), read_curve(curved.run, 99)
     assert broken is not None and unbroken is not None
     assert [replace(p, seconds=0.0) for p in broken] == [replace(p, seconds=0.0) for p in unbroken]
     seconds = [point.seconds for point in broken]
     assert seconds == sorted(seconds)
+
+
+def test_a_curve_asked_for_late_has_what_the_kept_checkpoints_tell(
+    curved: FewshotOptions,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    change = replace(curved.change, checkpoint_every=2)
+    options = replace(curved, run=tmp_path / "late", change=change)
+    run_until_killed(replace(options, curve=False), monkeypatch)
+    assert not (options.run / CURVE).exists()
+    run_fewshot(options)
+    late, whole = read_curve(options.run, 99), read_curve(curved.run, 99)
+    assert late is not None and whole is not None
+    # the checkpoints of steps 2 and 4 are kept, that of step 1 never was
+    assert [replace(p, seconds=0.0) for p in late] == [replace(p, seconds=0.0) for p in whole[1:]]
+    assert [p.seconds for p in late] == sorted(p.seconds for p in late)
+    assert (
+        "curve: no point at step 1: passed before a curve was asked for" in capsys.readouterr().out
+    )
 
 
 def test_the_last_point_is_what_the_evaluation_finds_on_its_pictures(

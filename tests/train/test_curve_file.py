@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from actorsnerf_datasets.errors import UserError
-from actorsnerf_train.curve_file import CURVE, add_point, begin_curve, read_curve
+from actorsnerf_train.curve_file import CURVE, add_point, begin_curve, read_curve, write_curve
 from actorsnerf_train.result import CurvePoint
 
 
@@ -16,6 +16,12 @@ def test_points_come_back_up_to_a_step(tmp_path: Path) -> None:
         add_point(tmp_path, point(step))
     assert read_curve(tmp_path, 4) == (point(2), point(4))
     assert read_curve(tmp_path, 1) == ()
+
+
+def test_points_take_the_place_of_others(tmp_path: Path) -> None:
+    add_point(tmp_path, point(4))
+    write_curve(tmp_path, [point(2), point(4)])
+    assert read_curve(tmp_path, 9) == (point(2), point(4))
 
 
 def test_no_curve_is_none(tmp_path: Path) -> None:

@@ -28,6 +28,8 @@ FORMAT = "actorsnerf-checkpoint"
 FORMAT_VERSION = 1
 FOLDER = "checkpoints"
 LATEST = "latest"
+STEM = "step_{:06d}"
+"""Name of the two files of a step's checkpoint."""
 Stage = Literal["pretrain", "fewshot"]
 JsonObject = Mapping[str, Json]
 
@@ -145,7 +147,7 @@ def save_checkpoint(run: Path, info: CheckpointInfo, tensors: dict[str, Tensor])
     """
     folder = run / FOLDER
     folder.mkdir(parents=True, exist_ok=True)
-    stem = f"step_{info.step:06d}"
+    stem = STEM.format(info.step)
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     content = safetensors.torch.save(plain)
     write_whole(folder / f"{stem}.safetensors", content)

@@ -1,9 +1,11 @@
 """`curve.jsonl` in a run's folder: how good a fitting was at stated steps, one JSON line each."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_train.checkpoint import write_whole
 from actorsnerf_train.journal import keep_log_until
 from actorsnerf_train.records import RecordError, from_json, to_json
 from actorsnerf_train.result import CurvePoint
@@ -19,7 +21,16 @@ def begin_curve(run: Path, first_step: int) -> None:
 def add_point(run: Path, point: CurvePoint) -> None:
     """Write one line, at once."""
     with (run / CURVE).open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(to_json(point), allow_nan=False) + "\n")
+        stream.write(_line(point))
+
+
+def write_curve(run: Path, points: Sequence[CurvePoint]) -> None:
+    """Put these points in the place of those that are there."""
+    write_whole(run / CURVE, "".join(map(_line, points)).encode())
+
+
+def _line(point: CurvePoint) -> str:
+    return json.dumps(to_json(point), allow_nan=False) + "\n"
 
 
 def read_curve(run: Path, last_step: int) -> tuple[CurvePoint, ...] | None:

@@ -27,6 +27,7 @@ from actorsnerf_train.config import (
     of_person,
 )
 from actorsnerf_train.curve import Gauge, make_gauge
+from actorsnerf_train.curve_file import CURVE
 from actorsnerf_train.data_files import background_of, check_files, describe_file, refuse_leakage
 from actorsnerf_train.distributed import local_device, team
 from actorsnerf_train.loop import Training, train
@@ -83,7 +84,7 @@ class FewshotOptions:
     """How to compute."""
     curve: bool = False
     """Measure a few evaluation pictures at stated steps (error against time, curve.jsonl); costs a
-    minute or two that do not count as training."""
+    minute or two that do not count as training. A run that has a curve goes on being measured."""
 
 
 def run_fewshot(options: FewshotOptions) -> Path:
@@ -122,7 +123,7 @@ def run_fewshot(options: FewshotOptions) -> Path:
             team=together,
             supports=tuple(view_to(view, device) for view in source.supports),
             workers=options.use.workers,
-            gauge=_gauge(options, config, source, device) if options.curve else None,
+            gauge=_gauge(options, config, source, device),
         )
         for line in (*_announcement(training.folder), perceptual_note(perceptual)):
             training.say(line)
@@ -193,7 +194,9 @@ def _source(options: FewshotOptions, config: TrainConfig) -> FewshotDataset:
 
 def _gauge(
     options: FewshotOptions, config: TrainConfig, source: FewshotDataset, device: torch.device
-) -> Gauge:
+) -> Gauge | None:
+    if not (options.curve or (options.run / CURVE).is_file()):
+        return None
     protocol, lpips = source.protocol.name, options.use.lpips
     return make_gauge(options.data, protocol, config.render, lpips, device)
 

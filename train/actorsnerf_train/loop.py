@@ -4,6 +4,7 @@ A step is a function of the weights, the optimiser's memory, the seed and the st
 steps equal N steps, a kill and another N, bit for bit on a CPU.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,9 +20,9 @@ from actorsnerf_train.batches import (
     sample_stream,
     sample_to,
 )
-from actorsnerf_train.checkpoint import checkpoint_path
+from actorsnerf_train.checkpoint import FOLDER, STEM, CheckpointError, checkpoint_path
 from actorsnerf_train.curve import Gauge, curve_steps
-from actorsnerf_train.curve_file import add_point, begin_curve
+from actorsnerf_train.curve_file import add_point, begin_curve, read_curve, write_curve
 from actorsnerf_train.distributed import Team, gathering, shared
 from actorsnerf_train.health import Health
 from actorsnerf_train.journal import Journal
@@ -35,7 +36,7 @@ from actorsnerf_train.run_folder import RunFolder
 from actorsnerf_train.saving import Learner, checkpoint_info, restore, save
 from actorsnerf_train.schedule import due
 from actorsnerf_train.snapshot import snapshot
-from actorsnerf_train.trained import TrainedActor
+from actorsnerf_train.trained import TrainedActor, load_trained
 
 SNAPSHOTS = "pictures"
 
@@ -170,11 +171,30 @@ def _learner(training: Training) -> Learner:
 
 
 def _begin_measuring(training: Training, first: int) -> frozenset[int]:
-    """The steps after which this process measures."""
-    if training.gauge is None or not training.team.leads:
+    """The steps after which this process measures; what was passed unmeasured is caught up with.
+
+    A training that was begun without a curve has passed steps whose checkpoints may be kept.
+    """
+    gauge, run = training.gauge, training.folder.path
+    if gauge is None or not training.team.leads:
         return frozenset()
-    begin_curve(training.folder.path, first)
-    return curve_steps(training.folder.config.schedule.steps)
+    begin_curve(run, first)
+    steps = curve_steps(training.folder.config.schedule.steps)
+    points = {point.step: point for point in read_curve(run, first) or ()}
+    passed = [step for step in sorted(steps) if step <= first and step not in points]
+    for step in passed:
+        with suppress(CheckpointError):  # not kept, or damaged
+            actor = load_trained(run / FOLDER / f"{STEM.format(step)}.json", training.device)
+            points[step] = gauge.measure(actor, actor.info.seconds)
+    if points.keys() & set(passed):
+        write_curve(run, [points[step] for step in sorted(points)])
+    lost = [str(step) for step in passed if step not in points]
+    if lost:
+        training.say(
+            f"curve: no point at step {', '.join(lost)}: passed before a curve was asked for, and "
+            "no whole checkpoint of it is kept"
+        )
+    return steps
 
 
 @torch.no_grad()
