@@ -20,6 +20,7 @@ from actorsnerf_datasets.layout import (
     ROOT_ATTRIBUTES,
 )
 from actorsnerf_datasets.shapes import Form, misfits
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_datasets.types import (
     ActorShape,
     BodyFits,
@@ -125,7 +126,7 @@ def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> Seq
     for misfit in misfits(forms(file)):
         raise LayoutError(
             f"{path}: {misfit.entry} {misfit.sentence}: was the file edited or damaged? "
-            f"Run: python -m actorsnerf_datasets check {path}"
+            f"Run: python -m actorsnerf_datasets check {quoted(path)}"
         )
     for name in ROOT_ATTRIBUTES:
         if name not in file.attrs:
@@ -135,7 +136,8 @@ def read_header(file: h5py.File, path: Path, posed_vertices: bool = True) -> Seq
     except (OSError, RuntimeError) as error:
         raise LayoutError(
             f"{path}: an entry of cameras, frames, fits, actor or protocols cannot be decoded "
-            f"({error}): is the file damaged? Run: python -m actorsnerf_datasets check {path}"
+            f"({error}): is the file damaged? "
+            f"Run: python -m actorsnerf_datasets check {quoted(path)}"
         ) from error
 
 

@@ -15,6 +15,7 @@ from actorsnerf_datasets.cameras import camera_from_world, cropped_intrinsics
 from actorsnerf_datasets.errors import LayoutError
 from actorsnerf_datasets.header import read_header
 from actorsnerf_datasets.layout import DIGEST_ATTRIBUTE, FORMAT, LAYOUT_MAJOR, LAYOUT_VERSION
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_datasets.types import Float32, Float64, Picture, SequenceHeader, UInt8
 
 
@@ -215,7 +216,7 @@ class SequenceFile:
         except (OSError, RuntimeError) as error:
             raise LayoutError(
                 f"{self.path}: {name}, row {row} cannot be decoded ({error}): is the file damaged? "
-                f"Run: python -m actorsnerf_datasets check {self.path}"
+                f"Run: python -m actorsnerf_datasets check {quoted(self.path)}"
             ) from error
 
     def _file(self) -> h5py.File:

@@ -11,6 +11,7 @@ from pathlib import Path
 import tyro
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_preprocess.cluster import cluster_team
 from actorsnerf_preprocess.commands import Command, Prepare, Reading, Synthetic
 from actorsnerf_preprocess.estimate import estimate
@@ -96,7 +97,7 @@ def _prepare(command: Prepare) -> int:
                 refused.add(each.name)
     done = [each.name for each in found if each.name not in refused]
     if done and not command.dry_run:
-        files = " ".join(str(command.out / f"{name}.h5") for name in done[:3])
+        files = " ".join(quoted(command.out / f"{name}.h5") for name in done[:3])
         print(CHECK_NOTICE)
         print(f"next: python -m actorsnerf_datasets check {files}{' ...' if done[3:] else ''}")
     return 2 if refused else 0
@@ -123,7 +124,8 @@ def _synthesise(command: Synthetic) -> int:
     write = write_aist_tree if command.format == "aist" else write_zju_tree
     write(command.out, options, progress=sys.stderr.isatty())
     print(f"{options.actors + options.held_out} dancers in {command.out}")
-    print(f"next: python -m actorsnerf_preprocess prepare --source {command.out} --out prepared")
+    source = quoted(command.out)
+    print(f"next: python -m actorsnerf_preprocess prepare --source {source} --out prepared")
     return 0
 
 

@@ -194,16 +194,17 @@ def test_synthetic_writes_what_its_preset_and_numbers_say(
     monkeypatch.setattr(
         synthetic, "write_zju_tree", lambda root, options, progress: written.append((root, options))
     )
-    command = arguments("synthetic", "--out", tmp_path, "--preset", "tiny", "--frames", 7)
+    out = tmp_path / "my raw"
+    command = arguments("synthetic", "--out", out, "--preset", "tiny", "--frames", 7)
     assert main([*command, "--variant", "classic-21", "--fit-noise"]) == 0
     ((root, options),) = written
-    assert root == tmp_path
+    assert root == out
     assert options == replace(
         synthetic.PRESETS["tiny"], frames=7, variant="classic-21", fit_noise=True
     )
     assert capsys.readouterr().out.splitlines() == [
-        f"5 dancers in {tmp_path}",
-        f"next: python -m actorsnerf_preprocess prepare --source {tmp_path} --out prepared",
+        f"5 dancers in {out}",
+        f"next: python -m actorsnerf_preprocess prepare --source '{out}' --out prepared",
     ]
 
 

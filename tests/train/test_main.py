@@ -1,3 +1,4 @@
+import shlex
 from pathlib import Path
 from typing import Protocol
 
@@ -43,6 +44,21 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     assert error.startswith(f"error: {tmp_path}: holds no prepared file (*.h5)")
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_next_command_can_be_pasted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(program, "run_fewshot", lambda options: options.run / "it")
+    folder, data = tmp_path / "my runs" / "eve", tmp_path / "eve's.h5"
+    assert run("fewshot", "--data", data, "--from", "scratch", "--run", folder) == 0
+    _, after, other = capsys.readouterr().out.splitlines()
+    start = ["python", "-m", "actorsnerf_train"]
+    out = str(folder / "evaluation")
+    evaluation = ["evaluate", "--checkpoint", str(folder), "--data", str(data), "--out", out]
+    assert shlex.split(after)[1:] == [*start, *evaluation]
+    turntable = ["render", "--checkpoint", str(folder), "--out", str(folder / "turntable")]
+    assert shlex.split(other)[1:] == [*start, *turntable]
 
 
 TRAINING = ("pretrain", "--data", "no.h5", "--run", "run")

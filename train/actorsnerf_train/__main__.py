@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_train.allocator import keep_memory
 from actorsnerf_train.animate import AnimateOptions, run_render
 from actorsnerf_train.bake import BakeCommand, run_bake
@@ -127,16 +128,17 @@ def _run(
         case PretrainOptions():
             return (
                 f"checkpoint: {run_pretrain(options)}",
-                f"next: {program} fewshot --data HELD_OUT_ACTOR.h5 --from {options.run} "
+                f"next: {program} fewshot --data HELD_OUT_ACTOR.h5 --from {quoted(options.run)} "
                 "--run FOLDER",
             )
         case FewshotOptions():
+            run, data = quoted(options.run), quoted(options.data)
             return (
                 f"checkpoint: {run_fewshot(options)}",
-                f"next: {program} evaluate --checkpoint {options.run} --data {options.data} "
-                f"--out {options.run / 'evaluation'}",
-                f"  or: {program} render --checkpoint {options.run} "
-                f"--out {options.run / 'turntable'}",
+                f"next: {program} evaluate --checkpoint {run} --data {data} "
+                f"--out {quoted(options.run / 'evaluation')}",
+                f"  or: {program} render --checkpoint {run} "
+                f"--out {quoted(options.run / 'turntable')}",
             )
         case EvaluateOptions():
             run_evaluate(options)

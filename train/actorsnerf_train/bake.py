@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from actorsnerf_datasets.errors import UserError
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.baked.baking import BakeOptions, bake
 from actorsnerf_model.baked.file import SUFFIX, write_baked
@@ -61,7 +62,7 @@ def run_bake(options: BakeCommand) -> tuple[str, ...]:
         f"{options.voxel * 100:g} cm voxels, {report.offset_nodes} deformation nodes)",
         f"the support poses slide pixel features by {report.slide * 1000:.1f} mm; of the "
         f"deformation beyond its mean {report.follow:.0%} is followed",
-        f"next: {program} render --checkpoint {options.out} --out FOLDER",
+        f"next: {program} render --checkpoint {quoted(options.out)} --out FOLDER",
     )
 
 

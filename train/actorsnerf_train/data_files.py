@@ -6,6 +6,7 @@ from pathlib import Path
 from actorsnerf_datasets.check import check_sequence
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.reader import SequenceFile
+from actorsnerf_datasets.shell import quoted
 from actorsnerf_train.checkpoint import DataFile, Origin
 
 SUFFIX = ".h5"
@@ -69,7 +70,7 @@ def check_files(paths: Sequence[Path]) -> None:
             more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
             raise UserError(
                 f"{path}: fails its check: {errors[0].sentence}{more}. All findings: "
-                f"python -m actorsnerf_datasets check {path}"
+                f"python -m actorsnerf_datasets check {quoted(path)}"
             )
 
 
