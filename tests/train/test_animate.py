@@ -59,6 +59,24 @@ def test_a_turntable_needs_no_data_and_leaves_pictures_and_video(options: Animat
     assert depth is not None and depth.dtype == np.uint16
 
 
+def test_a_shorter_rendering_leaves_no_picture_of_a_longer_one(
+    options: AnimateOptions, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = dataclasses.replace(options, video=False)
+    run_render(dataclasses.replace(options, pictures=4, alpha=True))
+    own = ("rgb_0007.png", "rgb_1.png", "alpha_0001.jpg", "notes.txt", "depth_0003.png")
+    for name in own:  # of the user: no rendering can have come to these numbers
+        (options.out / name).write_text("mine")
+    capsys.readouterr()
+    run_render(options)
+    left = sorted(path.name for path in options.out.iterdir())
+    assert left == sorted([*own, "rgb_0000.png", "rgb_0001.png"])
+    said = "removed: 6 pictures of an earlier rendering, rgb_0002.png to alpha_0003.png"
+    assert said in capsys.readouterr().out
+    run_render(options)
+    assert "removed" not in capsys.readouterr().out
+
+
 def test_the_t_pose_is_straight(
     trained: TrainedActor[ActorsNeRFState], options: AnimateOptions
 ) -> None:

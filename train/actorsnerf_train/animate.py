@@ -1,9 +1,9 @@
 """Pictures, videos and meshes of a trained actor from new views and in new poses."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ from actorsnerf_train.shots import (
 )
 from actorsnerf_train.trained import TrainedActor, draw, load_actor, with_samples
 
+Kind = Literal["rgb", "alpha", "depth"]
 Motion = Literal["turntable", "t-pose", "view", "sequence", "pose-file"]
 
 
@@ -42,7 +43,8 @@ class AnimateOptions:
     checkpoint: Path
     """Few-shot run folder, one of its checkpoints, or a baked actor's file."""
     out: Path
-    """Folder for the pictures and video.mp4."""
+    """Folder for the pictures (rgb_0000.png, ...) and video.mp4. Pictures of an earlier rendering
+    there are replaced; those that this one has no like of are removed, and their number told."""
     motion: Motion = "turntable"
     """turntable: around the actor in a support pose. t-pose: the same in the T-pose. view: poses
     of `data` from its camera `camera`. sequence: poses of another actor's prepared file `data`.
@@ -129,6 +131,7 @@ def animate(trained: TrainedActor[ActorState], options: AnimateOptions) -> tuple
     else:
         for _ in pictures():
             pass
+    remove_earlier(options.out, written)
     if options.mesh is not None:
         posed = PosedActor(trained.method, trained.state, _pose_state(trained, shots[0]))
         drawn = trained.config.render
@@ -217,16 +220,44 @@ def _pose_state(trained: TrainedActor[ActorState], shot: Shot) -> PoseState:
 def _write_shot(
     options: AnimateOptions, number: int, picture: UInt8, seen: Rendering
 ) -> list[Path]:
-    color = options.out / f"rgb_{number:04d}.png"
+    color = _picture_path(options.out, "rgb", number)
     write_png(color, picture)
     written = [color]
     if options.alpha:
-        written.append(options.out / f"alpha_{number:04d}.png")
+        written.append(_picture_path(options.out, "alpha", number))
         write_png(written[-1], to_bytes(seen.alpha[..., None].expand_as(seen.rgb))[..., 0])
     if options.depth:
-        written.append(options.out / f"depth_{number:04d}.png")
+        written.append(_picture_path(options.out, "depth", number))
         write_depth(written[-1], surface_depth(seen))
     return written
+
+
+def remove_earlier(out: Path, written: Sequence[Path]) -> None:
+    """Remove the pictures of an earlier rendering of more of them, and say so.
+
+    Such pictures are numbered on from 0 without a gap. A file of another name, or of a number that
+    no rendering of this folder can have reached, is not this program's, and stays.
+
+    Args:
+        out: folder of both renderings.
+        written: what belongs to the new one.
+    """
+    kept, earlier = set(written), []
+    for kind in get_args(Kind):
+        number = 0
+        while (path := _picture_path(out, kind, number)).is_file():
+            number += 1
+            if path not in kept:
+                earlier.append(path)
+    for path in earlier:
+        path.unlink()
+    if earlier:
+        names = f"{earlier[0].name} to {earlier[-1].name}"
+        tqdm.write(f"removed: {len(earlier)} pictures of an earlier rendering, {names}")
+
+
+def _picture_path(out: Path, kind: Kind, number: int) -> Path:
+    return out / f"{kind}_{number:04d}.png"
 
 
 def _frames(options: AnimateOptions, count: int) -> list[int]:
