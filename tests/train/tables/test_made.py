@@ -122,7 +122,10 @@ def test_a_category_that_was_trained_otherwise_is_refused(
     runs = make_plan(options)
     digests = [SequenceFile(path).digest for path in (people.ben, people.ann)]
     finish_category(runs[0], digests, seed=4)
-    said = r"is of the preset tiny, 100 steps and seed 4, but tiny, 100 steps and seed 0 are asked"
+    said = (
+        r"is of the preset tiny, 100 steps and seed 4, but tiny, 100 steps and seed 0 are asked: "
+        r"give --category-seed 4, or move"
+    )
     with pytest.raises(UserError, match=said):
         refuse_other_runs(runs, options)
 

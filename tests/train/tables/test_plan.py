@@ -59,6 +59,15 @@ def test_categories_come_first_and_rows_begin_from_theirs(
     assert origins == ["category", None, "category-no-deformation"]
 
 
+def test_other_seeds_of_the_fittings_keep_the_category(options: TablesOptions) -> None:
+    first = make_plan(replace(options, seeds=(0,)))
+    later = make_plan(replace(options, seeds=(1, 2)))
+    assert later[:2] == first[:2] and first[0].seed == 0
+    assert {run.seed for run in later[2:]} == {1, 2}
+    asked = make_plan(replace(options, seeds=(1, 2), category_seed=1))
+    assert [run.seed for run in asked[:2]] == [1, 1]
+
+
 def test_status_and_time_left(options: TablesOptions) -> None:
     runs = make_plan(options)
     assert {run.status for run in runs} == {"missing"}

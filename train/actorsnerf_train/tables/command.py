@@ -58,7 +58,7 @@ def _refuse_nonsense(options: TablesOptions) -> None:
         if not getattr(options, name):
             raise UserError(f"--{name} names nothing: give at least one, or leave it out.")
     at_least(1, options, "steps", "pretrain_steps", "max_frames")
-    at_least(0, options, "seeds")
+    at_least(0, options, "seeds", "category_seed")
 
 
 def _make(missing: Sequence[Run], options: TablesOptions) -> list[str]:

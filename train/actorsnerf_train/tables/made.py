@@ -50,10 +50,11 @@ def _refuse_other_category(run: Run, options: TablesOptions) -> None:
     found = (config.preset, info.step, config.seed)
     asked = (options.preset, run.steps, run.seed)
     if found != asked:
+        keep = f"give --category-seed {found[2]}, or " if found[:2] == asked[:2] else ""
         raise UserError(
             f"{run.folder}: is of the preset {found[0]}, {found[1]:,} steps and seed {found[2]}, "
-            f"but {asked[0]}, {asked[1]:,} steps and seed {asked[2]} are asked: {WHAT_NOW}, and "
-            "the fittings that began from it."
+            f"but {asked[0]}, {asked[1]:,} steps and seed {asked[2]} are asked: {keep}"
+            f"{WHAT_NOW}, and the fittings that began from it."
         )
 
 

@@ -67,6 +67,8 @@ class TablesOptions:
     """official or auto frames; left out: official where the file has them."""
     seeds: tuple[int, ...] = (0,)
     """Of the few-shot trainings; their spread is reported."""
+    category_seed: int = 0
+    """Of the category trainings, whatever the seeds of the few-shot ones."""
     steps: int | None = None
     """Of each few-shot training; the preset's if left out."""
     pretrain_steps: int | None = None

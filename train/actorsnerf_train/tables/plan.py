@@ -78,7 +78,7 @@ def make_plan(options: TablesOptions) -> tuple[Run, ...]:
                 "out (--methods)."
             )
         folder = category_folder(out, method)
-        runs.append(Run(folder, method, training, None, options.seeds[0], category_steps))
+        runs.append(Run(folder, method, training, None, options.category_seed, category_steps))
     for seed in options.seeds:
         for setting in options.settings:
             for path, actor in held_out.items():
