@@ -28,7 +28,14 @@ class RefinerConfig:
 
 
 class PoseRefiner(nn.Module):
-    """Corrects the fitted pose: each joint but the root gets one more rotation."""
+    """Corrects the fitted pose: each joint but the root gets one more rotation.
+
+    Biases begin at zero (HumanNeRF's released code), so an exactly zero pose passes the hidden
+    layers as zeros, and no gradient reaches them from it (a ReLU's slope at 0 counts as 0). It
+    reaches the last layer's biases, which are all of that pose's correction, through rotations that
+    are smooth at 0: the pose is corrected from the first step on. The hidden layers learn from any
+    other pose, and once they have, from this one.
+    """
 
     def __init__(self, config: RefinerConfig) -> None:
         """Random weights; the corrections start near zero."""

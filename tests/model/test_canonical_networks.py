@@ -34,6 +34,29 @@ def test_a_fresh_refiner_all_but_keeps_the_pose(generator: torch.Generator) -> N
     assert not torch.equal(turned[1:], matrix_from_axis_angle(pose)[1:])
 
 
+def test_a_zero_pose_is_corrected_from_the_first_step_on(generator: torch.Generator) -> None:
+    refiner = PoseRefiner(RefinerConfig(width=16, depth=2))
+    pose = torch.zeros(24, 3)
+    wanted = matrix_from_axis_angle(0.1 * torch.randn(24, 3, generator=generator))
+
+    def pull(pose: torch.Tensor) -> dict[str, torch.Tensor]:
+        refiner.zero_grad()
+        (refiner(pose) - wanted).square().sum().backward()
+        grads = {name: value.grad for name, value in refiner.named_parameters()}
+        return {name: grad for name, grad in grads.items() if grad is not None and grad.any()}
+
+    (only,) = pull(pose).items()
+    assert only[0] == "correction.bias"
+    assert only[1].isfinite().all() and (only[1] != 0).all()
+    before = (refiner(pose) - wanted).square().sum()
+    optimiser = torch.optim.SGD(refiner.parameters(), lr=0.1)
+    optimiser.step()
+    assert (refiner(pose) - wanted).square().sum() < 0.7 * before
+    pull(0.3 * torch.randn(24, 3, generator=generator))  # another pose wakes the hidden layers
+    optimiser.step()
+    assert {"hidden.1.bias", "correction.weight"} <= pull(pose).keys()
+
+
 def test_the_refiner_turns_each_joint_after_its_own_rotation() -> None:
     refiner = PoseRefiner(RefinerConfig(width=8, depth=1)).double()
     torch.nn.init.zeros_(refiner.correction.weight)
