@@ -67,15 +67,47 @@ def stuck(scene: Any) -> bytes:
     return content
 
 
-def let_pass_once(scene: Any, content: bytes) -> None:
-    """The first pass over the pictures gets the picture; the second one waits for it."""
+@contextmanager
+def second_pass_waiting(scene: Any, content: bytes) -> Iterator[None]:
+    """The first pass over the pictures gets the picture; the second one waits for it.
+
+    It waits for as long as the context: the pipe has somebody who writes to it, and does not.
+    """
     scene.picture(2, 3).write_bytes(content)
     wait_until((scene.out / "CoreView_377.h5.part").exists)
+    pipe: list[int] = []
+
+    def asked_for() -> bool:
+        try:
+            pipe.append(os.open(scene.picture(2, 3), os.O_WRONLY | os.O_NONBLOCK))
+        except OSError as error:
+            assert error.errno == errno.ENXIO, "nobody reads it yet"
+        return bool(pipe)
+
+    wait_until(asked_for)
+    try:
+        yield
+    finally:
+        os.close(pipe[0])
 
 
 def worker_processes(process: subprocess.Popen[str]) -> list[int]:
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     return [int(pid) for pid in children if b"spawn_main" in _command_line(int(pid))]
+
+
+def waiting_worker(process: subprocess.Popen[str], scene: Any) -> int:
+    """The worker that has the pipe open."""
+    found: list[int] = []
+
+    def opened() -> bool:
+        for pid in worker_processes(process):
+            files = [link.readlink() for link in Path(f"/proc/{pid}/fd").iterdir()]
+            found.extend([pid] * (scene.picture(2, 3) in files))
+        return bool(found)
+
+    wait_until(opened)
+    return found[0]
 
 
 def _command_line(pid: int) -> bytes:
@@ -96,8 +128,7 @@ def test_killed_at_work(scene: Any, tmp_path: Path, record_property: Record) -> 
     for path in scene.out.iterdir():
         path.unlink()
     content = stuck(scene)
-    with running(scene, 2) as process:
-        let_pass_once(scene, content)
+    with running(scene, 2) as process, second_pass_waiting(scene, content):
         workers = worker_processes(process)
         assert len(workers) == 2
         process.kill()
@@ -117,9 +148,8 @@ def test_killed_at_work(scene: Any, tmp_path: Path, record_property: Record) -> 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes and /proc")
 def test_a_killed_worker(scene: Any, record_property: Record) -> None:
     content = stuck(scene)
-    with running(scene, 2) as process:
-        let_pass_once(scene, content)
-        os.kill(worker_processes(process)[0], signal.SIGKILL)
+    with running(scene, 2) as process, second_pass_waiting(scene, content):
+        os.kill(waiting_worker(process, scene), signal.SIGKILL)
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     (line,) = errors.splitlines()
@@ -133,8 +163,7 @@ def test_a_killed_worker(scene: Any, record_property: Record) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_interrupted(scene: Any, record_property: Record) -> None:
     content = stuck(scene)
-    with running(scene, 1) as process:
-        let_pass_once(scene, content)
+    with running(scene, 1) as process, second_pass_waiting(scene, content):
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
@@ -149,14 +178,14 @@ def test_interrupted(scene: Any, record_property: Record) -> None:
 def test_started_twice(scene: Any, record_property: Record) -> None:
     content = stuck(scene)
     with running(scene, 2) as process:
-        let_pass_once(scene, content)
-        before = sorted(path.name for path in scene.out.iterdir())
-        with running(scene, 1) as second:
-            _, errors = second.communicate(timeout=PATIENCE)
-        assert second.returncode == 2
-        (line,) = errors.splitlines()
-        assert sorted(path.name for path in scene.out.iterdir()) == before
-        scene.picture(2, 3).write_bytes(content)
+        with second_pass_waiting(scene, content):
+            before = sorted(path.name for path in scene.out.iterdir())
+            with running(scene, 1) as second:
+                _, errors = second.communicate(timeout=PATIENCE)
+            assert second.returncode == 2
+            (line,) = errors.splitlines()
+            assert sorted(path.name for path in scene.out.iterdir()) == before
+            scene.picture(2, 3).write_bytes(content)
         _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
     assert "CoreView_377.h5: another preparation is writing it: wait for it or stop it" in line

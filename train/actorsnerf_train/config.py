@@ -177,6 +177,7 @@ def pretraining(preset: PresetName) -> TrainConfig:
                 render=RenderOptions(samples=32, least_learned=LEAST_LEARNED),
                 rates=Rates(deformation=1e-3, skinning=2e-3, scale=4.0),
                 patches=Patches(count=2),
+                losses=LossWeights(squared_error=SHORT_RUN_SQUARED_ERROR),
                 every=Every(log=10, checkpoint=100, picture=150, milestone=0),
             )
 

@@ -1,0 +1,131 @@
+"""How exact a training step's gradients are: ours and the reference's, against float64.
+
+One patch of each stage's step on a fitted actor, with and without the perceptual term, whose own
+gradient may turn on rounding. The truth is the reference renderer in float64: every sample through
+every network, in the published order. Samples lie evenly along the rays. Writes
+`results/gradients.md` and `.json`.
+"""
+
+import argparse
+import copy
+import dataclasses
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from records import Table, record
+from torch import Tensor
+
+from actorsnerf_train.lpips import LpipsFiles
+from actorsnerf_train.methods import know_actor
+from actorsnerf_train.objective import Objective
+from actorsnerf_train.options import ready_perceptual
+from actorsnerf_train.report.reference_step import reference_step
+from actorsnerf_train.report.training import STAGES, Step, largest_error, make_step
+from actorsnerf_train.trained import load_trained, resampled
+
+HERE = Path(__file__).resolve().parent.parent / "data/big"
+ACTOR = HERE / "fitted"
+DATA = HERE / "prepared/CoreView_heldout00.h5"
+SEED = 0
+Value = TypeVar("Value")
+Gradients = dict[str, Tensor]
+
+
+def in_double(value: Value) -> Value:
+    """The same value with every float32 tensor in float64."""
+    made: Any = value
+    if isinstance(value, Tensor) and value.dtype == torch.float32:
+        made = value.double()
+    elif isinstance(value, tuple):
+        made = tuple(in_double(item) for item in value)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [field.name for field in dataclasses.fields(value) if field.init]
+        made = dataclasses.replace(value, **{n: in_double(getattr(value, n)) for n in names})
+    done: Value = made
+    return done
+
+
+def double_step(step: Step) -> Step:
+    """The step's twin in float64, of copied weights."""
+    old = step.objective
+    method = copy.deepcopy(old.method).double()
+    perceptual = copy.deepcopy(old.perceptual).double()
+    sample = in_double(step.sample)
+    return dataclasses.replace(
+        step,
+        objective=Objective(method, perceptual, old.weights, old.options),
+        sample=sample,
+        known=know_actor(method, sample.supports),
+    )
+
+
+def ours(step: Step) -> Gradients:
+    """The trainings' own gradients."""
+    step.objective.zero_grad(set_to_none=True)
+    outcome = step.objective(step.sample, step.known, step.window, None)
+    torch.autograd.backward(outcome.losses.total)
+    return gradients(step)
+
+
+def reference(step: Step) -> Gradients:
+    """The reference's."""
+    step.objective.zero_grad(set_to_none=True)
+    reference_step(step.objective, step.sample, step.known, step.window, None)
+    return gradients(step)
+
+
+def gradients(step: Step) -> Gradients:
+    """Of the last pass, in float64."""
+    return {name: gradient.double() for name, gradient in step.gradients().items()}
+
+
+def row(step: Step, what: str) -> tuple[str | float, ...]:
+    """Largest relative L2 errors over the parameters."""
+    truth, slow, fast = reference(double_step(step)), reference(step), ours(step)
+    pairs = [largest_error(fast, slow), largest_error(fast, truth), largest_error(slow, truth)]
+    return step.stage, what, *(f"{error:.1e} ({name})" for name, error in pairs)
+
+
+def main() -> None:
+    """Compares and writes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--checkpoint", type=Path, default=ACTOR, help="of a fitted actor")
+    parser.add_argument("--data", type=Path, default=DATA, help="its prepared file")
+    parser.add_argument("--samples", type=int, default=32, help="per ray")
+    options = parser.parse_args()
+    if not options.checkpoint.exists():
+        print(f"not measured: there is no fitted actor at {options.checkpoint}; give --checkpoint")
+        return
+    trained = resampled(load_trained(options.checkpoint, torch.device("cpu")), options.samples)
+    perceptual = ready_perceptual(LpipsFiles())
+    rows = []
+    for stage in STAGES:
+        step = make_step(stage, trained, options.data, perceptual, SEED)
+        patch = step.sample.patches[:1]
+        step = dataclasses.replace(step, sample=dataclasses.replace(step.sample, patches=patch))
+        rows.append(row(step, f"{perceptual.name} and squared error"))
+        plain = copy.copy(step.objective)
+        plain.weights = dataclasses.replace(plain.weights, perceptual=0.0)
+        rows.append(row(dataclasses.replace(step, objective=plain), "squared error alone"))
+        print(*rows[-2:], sep="\n", flush=True)
+    columns = (
+        "stage",
+        "loss",
+        "ours, from the reference in float32",
+        "ours, from float64",
+        "the reference in float32, from float64",
+    )
+    remark = (
+        f"{trained.actor}, `{trained.config.preset}` sizes, one patch of 32x32 pixels, "
+        f"{options.samples} samples a ray: the largest relative L2 error over all parameters, "
+        "and whose it is."
+    )
+    record(
+        "gradients", "Gradients of a training step", SEED, [Table("", columns, tuple(rows), remark)]
+    )
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    main()
