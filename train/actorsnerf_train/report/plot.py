@@ -137,7 +137,7 @@ def _fits(panel: Axes, text: Annotation, taken: list[Bbox], renderer: RendererAg
     """Whether the text lies in the panel and covers nothing."""
     box, whole = covered(text, renderer), panel.get_window_extent()
     inside = whole.x0 <= box.x0 and box.x1 <= whole.x1 and whole.y0 <= box.y0 and box.y1 <= whole.y1
-    return inside and box.count_overlaps(taken) == 0
+    return bool(inside) and box.count_overlaps(taken) == 0
 
 
 def _sign(value: float) -> int:
