@@ -30,8 +30,6 @@ from actorsnerf_datasets.selection import (
 )
 from actorsnerf_datasets.types import Float32, Picture
 
-SUPPORT_VIEWS = 3
-"""K of the paper."""
 _PRETRAINING, _FEWSHOT = 1, 2
 """Keep the random numbers of the two datasets apart."""
 
@@ -98,20 +96,6 @@ def pad_views(views: Sequence[View]) -> tuple[View, ...]:
     height = max(view.alpha.shape[0] for view in views)
     width = max(view.alpha.shape[1] for view in views)
     return tuple(_padded(view, height, width) for view in views)
-
-
-def collate(samples: Sequence[Sample]) -> Sample:
-    """The only sample of a batch of one: views differ in size, so there are no larger batches.
-
-    Raises:
-        UserError: the batch has more or fewer.
-    """
-    if len(samples) != 1:
-        raise UserError(
-            f"A batch has {len(samples)} samples, expected 1: set batch_size=1 (or None) and "
-            "accumulate gradients over steps instead."
-        )
-    return samples[0]
 
 
 class PretrainingDataset(Dataset[Sample]):

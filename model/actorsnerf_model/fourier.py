@@ -51,20 +51,3 @@ def annealed_fourier_features(
     weights = constant(hann_window(opened, octaves), values)
     waves = fourier_features(values, octaves)
     return waves * weights.repeat_interleave(2 * values.shape[-1])
-
-
-def opened_octaves(fraction: float, start: float, end: float, octaves: int) -> float:
-    """How many octaves are open after a fraction of a run; 0 until `start`, all from `end` on.
-
-    Args:
-        fraction: of the run's steps, in [0, 1].
-        start: the kick-in (released code: 10,000 of its steps).
-        end: when all octaves are open (released code: 50,000).
-        octaves: of the encoding.
-
-    >>> opened_octaves(0.5, 0.25, 0.75, 6)
-    3.0
-    """
-    if end <= start:
-        return float(octaves) if fraction >= end else 0.0
-    return octaves * min(max((fraction - start) / (end - start), 0.0), 1.0)

@@ -47,20 +47,4 @@ def project(
     return Projected(pixels, depth > NEAR_PLANE, depth)
 
 
-def inside_picture(
-    pixels: Float[Tensor, "*batch 2"], size: tuple[int, int]
-) -> Bool[Tensor, "*batch"]:
-    """True for pixel coordinates between the centres of the outermost pixels.
-
-    Args:
-        pixels: x, y.
-        size: width, height.
-
-    >>> inside_picture(torch.tensor([[0.0, 0.0], [3.5, 0.0]]), (4, 2)).tolist()
-    [True, False]
-    """
-    x, y = pixels.unbind(-1)
-    return (x >= 0) & (y >= 0) & (x <= size[0] - 1) & (y <= size[1] - 1)
-
-
-__all__ = ["NEAR_PLANE", "Projected", "inside_picture", "project"]
+__all__ = ["NEAR_PLANE", "Projected", "project"]

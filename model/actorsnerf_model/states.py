@@ -48,6 +48,7 @@ class PoseState:
     bounds: Float[Tensor, "2 3"]
     """Observation box: posed joints +- 0.3 m (samples are spread between its faces)."""
     occupancy: Occupancy | None
+    """None where every sample is asked."""
 
 
 @dataclass(frozen=True)

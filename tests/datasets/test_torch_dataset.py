@@ -20,7 +20,6 @@ from actorsnerf_datasets.torch_dataset import (
     PretrainingDataset,
     Sample,
     View,
-    collate,
     pad_views,
     view_at,
 )
@@ -261,9 +260,6 @@ def test_workers_give_the_same_samples(
 
 def test_iteration_and_length(pretraining: PretrainingDataset) -> None:
     assert len(pretraining) == len(list(pretraining)) == 12
-    assert_same(
-        next(iter(DataLoader(pretraining, batch_size=1, collate_fn=collate))), pretraining[0]
-    )
 
 
 def test_a_dataset_travels_without_open_files(pretraining: PretrainingDataset) -> None:
@@ -370,8 +366,3 @@ def test_padding_grows_to_the_right_and_below(held_out_path: Path) -> None:
     assert torch.equal(padded[1].image[:50, :40], small.image)
     assert torch.equal(padded[1].K, small.K)
     assert padded[1].alpha[50:].abs().sum() == padded[1].alpha[:, 40:].abs().sum() == 0
-
-
-def test_a_batch_holds_one_sample(pretraining: PretrainingDataset) -> None:
-    with pytest.raises(UserError, match="A batch has 2 samples, expected 1: set batch_size=1"):
-        collate([pretraining[0], pretraining[1]])

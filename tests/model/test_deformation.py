@@ -2,7 +2,7 @@ from functools import partial
 
 import pytest
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_model.deformation import Deformation, DeformationConfig
@@ -18,6 +18,17 @@ def rearranged(
     if net.pixel_code is not None and pixels is not None:
         codes = F.linear(pixels, net.pixel_code.weight)
     return net.from_input(net.point_input(points, opened, codes), pose)
+
+
+class Rearranged(nn.Module):
+    """A net that is called in the order of `rearranged`."""
+
+    def __init__(self, net: Deformation) -> None:
+        super().__init__()
+        self.net = net
+
+    def forward(self, points: Tensor, opened: float, pose: Tensor, pixels: Tensor | None) -> Tensor:
+        return rearranged(self.net, points, opened, pose, pixels)
 
 
 def made(config: DeformationConfig, channels: int, dtype: torch.dtype) -> Deformation:
@@ -70,8 +81,10 @@ def test_view_order_matters() -> None:
     assert not torch.allclose(seen, rearranged(net, points, 2.0, pose, pixels.flip(0)))
 
 
-def test_gradient() -> None:
-    net = made(DeformationConfig(width=4, depth=3, skip=1, octaves=2, code=2), 3, torch.float64)
+@pytest.mark.parametrize("published", [True, False])
+def test_gradient(published: bool) -> None:
+    own = made(DeformationConfig(width=8, depth=3, skip=1, octaves=2, code=2), 3, torch.float64)
+    net = own if published else Rearranged(own)
     points = torch.rand(2, 3, dtype=torch.float64, requires_grad=True)
     pose = torch.randn(24, 3, dtype=torch.float64, requires_grad=True)
     pixels = torch.randn(VIEWS, 2, 3, dtype=torch.float64, requires_grad=True)
@@ -84,7 +97,10 @@ def test_gradient() -> None:
         assert isinstance(result, Tensor)
         return result
 
-    assert torch.autograd.gradcheck(run, (points, pose, pixels, *values))
+    given = (points, pose, pixels, *values)
+    # a layer whose units are all off would hide every mistake behind zeros
+    assert all(grad.any() for grad in torch.autograd.grad(run(*given).sum(), given))
+    assert torch.autograd.gradcheck(run, given)
 
 
 def test_no_points() -> None:

@@ -6,7 +6,6 @@ from actorsnerf_model.fourier import (
     annealed_fourier_features,
     fourier_features,
     hann_window,
-    opened_octaves,
 )
 
 
@@ -43,19 +42,6 @@ def test_annealing_weighs_whole_octaves() -> None:
     for octave in range(3):
         part = slice(6 * octave, 6 * octave + 6)
         torch.testing.assert_close(annealed[:, part], plain[:, part] * weights[octave])
-
-
-def test_released_schedule_as_fractions() -> None:
-    # Released code: alpha = 6 * max(t - 10000, 0) / 40000 of 400,000 steps.
-    for step in (0, 10_000, 20_000, 35_000, 50_000, 400_000):
-        released = min(6 * max(step - 10_000, 0) / 40_000, 6.0)
-        ours = opened_octaves(step / 400_000, 10_000 / 400_000, 50_000 / 400_000, 6)
-        assert abs(ours - released) < 1e-12
-
-
-def test_no_annealing_opens_at_once() -> None:
-    assert opened_octaves(0.1, 0.2, 0.2, 6) == 0.0
-    assert opened_octaves(0.2, 0.2, 0.2, 6) == 6.0
 
 
 def test_gradient() -> None:

@@ -1,7 +1,7 @@
 import torch
 from torch.autograd import gradcheck
 
-from actorsnerf_model.projection import NEAR_PLANE, inside_picture, project
+from actorsnerf_model.projection import NEAR_PLANE, project
 
 K = torch.tensor([[100.0, 2.0, 31.5], [0.0, 110.0, 23.5], [0.0, 0.0, 1.0]], dtype=torch.float64)
 
@@ -55,8 +55,3 @@ def test_half_precision_elsewhere_does_not_reach_it() -> None:
         seen = project(points, K.float(), torch.eye(4))
     expected = project(points.double(), K, torch.eye(4, dtype=torch.float64))
     assert (seen.pixels - expected.pixels).abs().max() < 1e-4
-
-
-def test_the_picture_ends_at_its_outermost_pixel_centres() -> None:
-    pixels = torch.tensor([[0.0, 0.0], [-0.1, 0.0], [9.0, 4.0], [9.1, 4.0], [9.0, 4.1]])
-    assert inside_picture(pixels, (10, 5)).tolist() == [True, False, True, False, False]

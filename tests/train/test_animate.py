@@ -64,8 +64,8 @@ def test_a_shorter_rendering_leaves_no_picture_of_a_longer_one(
 ) -> None:
     options = dataclasses.replace(options, video=False)
     run_render(dataclasses.replace(options, pictures=4, alpha=True))
-    own = ("rgb_0007.png", "rgb_1.png", "alpha_0001.jpg", "notes.txt", "depth_0003.png")
-    for name in own:  # of the user: no rendering can have come to these numbers
+    own = ("rgb_0007.png", "rgb_1.png", "alpha_0001.jpg", "notes.txt", "depth_0000.png")
+    for name in own:  # of the user
         (options.out / name).write_text("mine")
     capsys.readouterr()
     run_render(options)
@@ -75,6 +75,17 @@ def test_a_shorter_rendering_leaves_no_picture_of_a_longer_one(
     assert said in capsys.readouterr().out
     run_render(options)
     assert "removed" not in capsys.readouterr().out
+
+
+def test_pictures_of_the_users_stay_whatever_their_names(options: AnimateOptions) -> None:
+    options = dataclasses.replace(options, pictures=1, video=False)
+    options.out.mkdir()
+    names = ["alpha_0000.png", "depth_0000.png", "rgb_0001.png", "rgb_0002.png"]
+    for name in names:
+        cv2.imwrite(str(options.out / name), np.full((4, 4), 7, np.uint8))
+    run_render(options)
+    left = sorted(path.name for path in options.out.iterdir())
+    assert left == sorted([*names, "rgb_0000.png"])
 
 
 def test_the_t_pose_is_straight(

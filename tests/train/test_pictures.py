@@ -1,3 +1,4 @@
+import zlib
 from pathlib import Path
 
 import cv2
@@ -9,6 +10,7 @@ from actorsnerf_datasets.errors import UserError
 from actorsnerf_train.pictures import (
     STRIP_GAP,
     error_picture,
+    is_own,
     read_png,
     strip,
     to_bytes,
@@ -41,6 +43,23 @@ def test_depth_counts_millimetres(tmp_path: Path) -> None:
     assert found is not None
     assert found.dtype == np.uint16
     assert found.tolist() == [[0, 1234], [1235, 65535]]
+
+
+def test_what_is_written_here_is_known_by_itself(tmp_path: Path) -> None:
+    own, other, short = (tmp_path / name for name in ("own.png", "other.png", "short.png"))
+    write_png(own, np.zeros((2, 3), dtype=np.uint8))
+    cv2.imwrite(str(other), np.zeros((2, 3), dtype=np.uint8))
+    short.write_bytes(own.read_bytes()[:40])
+    assert is_own(own)
+    assert not any(map(is_own, (other, short, tmp_path, tmp_path / "none.png")))
+    assert read_png(own).shape == (2, 3, 3)
+    kinds, content = [], own.read_bytes()[8:]
+    while content:
+        end = 8 + int.from_bytes(content[:4], "big")
+        kinds.append(content[4:8])
+        assert zlib.crc32(content[4:end]) == int.from_bytes(content[end : end + 4], "big")
+        content = content[end + 4 :]
+    assert kinds[:2] == [b"IHDR", b"tEXt"] and kinds[-1] == b"IEND"
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture"])

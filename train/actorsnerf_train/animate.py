@@ -18,7 +18,7 @@ from actorsnerf_model.states import ActorState, PoseState, Rendering
 from actorsnerf_train.bounds import above, at_least, below
 from actorsnerf_train.distributed import local_device
 from actorsnerf_train.mesh import MESH_SUFFIXES, MeshOptions, PosedActor, posed_mesh, write_mesh
-from actorsnerf_train.pictures import to_bytes, write_depth, write_png, write_video
+from actorsnerf_train.pictures import is_own, to_bytes, write_depth, write_png, write_video
 from actorsnerf_train.pose_file import load_poses
 from actorsnerf_train.report.points import PointName, at_named_point
 from actorsnerf_train.shots import (
@@ -235,8 +235,8 @@ def _write_shot(
 def remove_earlier(out: Path, written: Sequence[Path]) -> None:
     """Remove the pictures of an earlier rendering of more of them, and say so.
 
-    Such pictures are numbered on from 0 without a gap. A file of another name, or of a number that
-    no rendering of this folder can have reached, is not this program's, and stays.
+    Such pictures are numbered on from 0 without a gap, and say themselves that this program wrote
+    them. All else stays, a file of the user's of such a name too.
 
     Args:
         out: folder of both renderings.
@@ -247,7 +247,7 @@ def remove_earlier(out: Path, written: Sequence[Path]) -> None:
         number = 0
         while (path := _picture_path(out, kind, number)).is_file():
             number += 1
-            if path not in kept:
+            if path not in kept and is_own(path):
                 earlier.append(path)
     for path in earlier:
         path.unlink()

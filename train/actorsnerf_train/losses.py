@@ -13,8 +13,6 @@ from torch import Tensor, nn
 
 from actorsnerf_train.lpips import Lpips
 
-LPIPS_LEAST_SIDE = 16
-"""Pixels a side under which VGG-16's last tap is empty."""
 PYRAMID_LEVELS = 4
 """Scales of the substitute: the patch and three halvings."""
 

@@ -1,6 +1,8 @@
 """Pictures and videos on disk: PNG, mp4, and strips that set pictures side by side."""
 
 import errno
+import struct
+import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -22,6 +24,10 @@ STRIP_GAP = 4
 """White pixels between the pictures of a strip."""
 ERROR_GAIN = 4.0
 """An error picture is as bright as it can be at 1 / ERROR_GAIN of full contrast."""
+_HEADER = 33
+"""Bytes of a PNG before its second chunk: the signature and the size."""
+_MARK = b"tEXtSoftware\0actorsnerf"
+"""Kind and content of the second chunk of the pictures that are written here."""
 
 
 def to_bytes(rgb: Float[Tensor, "height width 3"]) -> UInt8:
@@ -41,6 +47,15 @@ def write_depth(path: Path, depth: Float[Tensor, "height width"]) -> None:
     """Write depth in metres as a 16-bit grey PNG of millimetres."""
     counts = (depth.detach().cpu().double() * DEPTH_UNITS).round().clamp(0, 65535)
     _write_encoded(path, counts.numpy().astype(np.uint16))
+
+
+def is_own(path: Path) -> bool:
+    """Whether the file is a picture that was written here: it says so itself."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        start = stream.read(_HEADER + 4 + len(_MARK))  # 4: the chunk's length comes first
+    return start[_HEADER + 4 :] == _MARK
 
 
 def read_png(path: Path) -> UInt8:
@@ -134,10 +149,10 @@ def _require_pictures(part: Path, count: int, path: Path) -> None:
         raise OSError(errno.EIO, reason, str(path))
 
 
-def _write_encoded(
-    path: Path, picture: UInt8 | np.ndarray[tuple[int, ...], np.dtype[np.uint16]]
-) -> None:
+def _write_encoded(path: Path, picture: UInt8 | UInt16) -> None:
     done, encoded = cv2.imencode(".png", picture)
     if not done:
         raise UserError(f"{path}: OpenCV could not encode the picture.")
-    write_whole(path, encoded.tobytes())
+    content = encoded.tobytes()
+    mark = struct.pack(">I", len(_MARK) - 4) + _MARK + struct.pack(">I", zlib.crc32(_MARK))
+    write_whole(path, content[:_HEADER] + mark + content[_HEADER:])

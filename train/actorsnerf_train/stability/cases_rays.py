@@ -12,9 +12,6 @@ from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
 
 SPAN = Bounds(1e-12, 2e-5, 2e-5)
 """Metres of depth, rays of a few metres."""
-PIXELS = Bounds(1e-9, 2e-3, 2e-3, gradient=1e-3)
-"""Pixels, pictures of up to 4096."""
-DIRECTION = Bounds(1e-12, 1e-6, 1e-6)
 DEPTHS = Bounds(1e-12, 2e-6, 2e-6)
 BOX = ((-0.5, -1.0, -0.25), (0.5, 1.0, 0.75))
 """Metres; corners that float32 holds exactly."""

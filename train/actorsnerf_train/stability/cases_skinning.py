@@ -25,7 +25,6 @@ WARP = Bounds(1e-12, 1e-5, 1e-5, gradient=1e-3)
 """Metres, of a point that passes the foreground test: at likelihood 0.01 rounding counts a hundred
 times."""
 PRIOR = Bounds(1e-12, 1e-5, 1e-5)
-LOGITS = Bounds(1e-12, 1e-5, 1e-5)
 EXACT = Bounds(0.0, 0.0, 0.0)
 CORNERS = Bounds(1e-12, 1e-5, 1e-5)
 POINTS = 400
