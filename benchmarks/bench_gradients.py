@@ -122,7 +122,10 @@ def main() -> None:
         "and whose it is."
     )
     record(
-        "gradients", "Gradients of a training step", SEED, [Table("", columns, tuple(rows), remark)]
+        "gradients",
+        "Gradients of a training step",
+        SEED,
+        [Table("Largest errors", columns, tuple(rows), remark)],
     )
 
 
