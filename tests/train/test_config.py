@@ -43,7 +43,7 @@ def test_presets_differ_in_sizes_not_in_the_method(preset: PresetName) -> None:
     assert pre.model == few.model
     assert (pre.stage, few.stage) == ("pretrain", "fewshot")
     assert (pre.freeze_category, few.freeze_category) == (False, True)
-    squared_error = 3.0 if preset in ("official-short", "small", "small-vgg") else 0.2
+    squared_error = 0.2 if preset == "official" else 3.0
     assert pre.losses == LossWeights(1.0, squared_error, 0.01)
     assert few.losses == LossWeights(1.0, squared_error, 0.0)
     octaves = pre.actorsnerf.deformation_net.octaves
