@@ -3,6 +3,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 import torch
+from tests.model.ablations import ABLATIONS, name
 from torch import Tensor, nn
 
 from actorsnerf_datasets.errors import UserError
@@ -17,17 +18,6 @@ Views = Callable[..., tuple[View, ...]]
 OPEN = 3.0
 """All octaves of `TINY`'s deformation."""
 THRESHOLD = 0.01
-ABLATIONS = [
-    replace(TINY, deformation=a, pixel_features=b, body_features=c)
-    for a in (True, False)
-    for b in (True, False)
-    for c in (True, False)
-]
-
-
-def name(config: ActorsNeRFConfig) -> str:
-    parts = ("deformation", "pixel_features", "body_features")
-    return "+".join(part for part in parts if getattr(config, part)) or "nothing"
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 import torch
+from tests.model.ablations import ABLATIONS, name
 from torch import Tensor, nn
 
 from actorsnerf_datasets.torch_dataset import View
@@ -18,17 +18,6 @@ from actorsnerf_model.states import Camera, Method, RenderOptions
 Views = Callable[..., tuple[View, ...]]
 OPEN = 3.0
 """All octaves of `TINY`'s deformation."""
-ABLATIONS = [
-    replace(TINY, deformation=a, pixel_features=b, body_features=c)
-    for a in (True, False)
-    for b in (True, False)
-    for c in (True, False)
-]
-
-
-def name(config: ActorsNeRFConfig) -> str:
-    parts = ("deformation", "pixel_features", "body_features")
-    return "+".join(part for part in parts if getattr(config, part)) or "nothing"
 
 
 def made(config: ActorsNeRFConfig, views: tuple[View, ...]) -> tuple[ActorsNeRF, CategoryPrior]:
