@@ -10,7 +10,6 @@ import argparse
 import copy
 import dataclasses
 from pathlib import Path
-from typing import Any, TypeVar
 
 import torch
 from records import Table, record
@@ -20,7 +19,7 @@ from actorsnerf_train.lpips import LpipsFiles
 from actorsnerf_train.methods import know_actor
 from actorsnerf_train.objective import Objective
 from actorsnerf_train.options import ready_perceptual
-from actorsnerf_train.report.reference_step import reference_step
+from actorsnerf_train.report.reference_step import reference_step, with_tensors
 from actorsnerf_train.report.training import STAGES, Step, largest_error, make_step
 from actorsnerf_train.trained import load_trained, resampled
 
@@ -28,22 +27,12 @@ HERE = Path(__file__).resolve().parent.parent / "data/big"
 ACTOR = HERE / "fitted"
 DATA = HERE / "prepared/CoreView_heldout00.h5"
 SEED = 0
-Value = TypeVar("Value")
 Gradients = dict[str, Tensor]
 
 
-def in_double(value: Value) -> Value:
-    """The same value with every float32 tensor in float64."""
-    made: Any = value
-    if isinstance(value, Tensor) and value.dtype == torch.float32:
-        made = value.double()
-    elif isinstance(value, tuple):
-        made = tuple(in_double(item) for item in value)
-    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = [field.name for field in dataclasses.fields(value) if field.init]
-        made = dataclasses.replace(value, **{n: in_double(getattr(value, n)) for n in names})
-    done: Value = made
-    return done
+def in_double(tensor: Tensor) -> Tensor:
+    """The tensor in float64, if it is one of float32."""
+    return tensor.double() if tensor.dtype == torch.float32 else tensor
 
 
 def double_step(step: Step) -> Step:
@@ -51,7 +40,7 @@ def double_step(step: Step) -> Step:
     old = step.objective
     method = copy.deepcopy(old.method).double()
     perceptual = copy.deepcopy(old.perceptual).double()
-    sample = in_double(step.sample)
+    sample = with_tensors(step.sample, in_double)
     return dataclasses.replace(
         step,
         objective=Objective(method, perceptual, old.weights, old.options),

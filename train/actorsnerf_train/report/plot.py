@@ -84,8 +84,7 @@ def _draw(panel: Axes, actor: ActorReport) -> None:
 def _write_names(panel: Axes, actor: ActorReport, renderer: RendererAgg) -> None:
     """Each point's name beside it, where it covers no mark and no other name."""
     places = [(1e3 * row.seconds, _height(row)) for row in actor.points]
-    marks = [Bbox.from_extents(*(at - MARK / 2), *(at + MARK / 2)) for at in _pixels(panel, places)]
-    taken = list(marks)
+    taken = [Bbox.from_extents(*(at - MARK / 2), *(at + MARK / 2)) for at in _pixels(panel, places)]
     for row, place in zip(actor.points, places, strict=True):
         weight = "bold" if row.name == actor.recommended else "normal"
         for distance in DISTANCES:

@@ -6,6 +6,7 @@ the weights. So no more than one patch's samples are held at a time, and nothing
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import torch
@@ -71,18 +72,30 @@ def reference_step(
 
 def cut_off(value: Value, cuts: list[tuple[Tensor, Tensor]]) -> Value:
     """The same value with every tensor that has a history replaced by a leaf; both are noted."""
-    cut: Any = value
-    if isinstance(value, Tensor) and value.requires_grad:
-        cut = value.detach().requires_grad_(True)
-        cuts.append((value, cut))
+
+    def cut(whole: Tensor) -> Tensor:
+        if not whole.requires_grad:
+            return whole
+        leaf = whole.detach().requires_grad_(True)
+        cuts.append((whole, leaf))
+        return leaf
+
+    return with_tensors(value, cut)
+
+
+def with_tensors(value: Value, changed: Callable[[Tensor], Tensor]) -> Value:
+    """The same value with every tensor in its tuples and dataclasses changed."""
+    made: Any = value
+    if isinstance(value, Tensor):
+        made = changed(value)
     elif isinstance(value, tuple):
-        cut = tuple(cut_off(item, cuts) for item in value)
+        made = tuple(with_tensors(item, changed) for item in value)
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         given = [f.name for f in dataclasses.fields(value) if f.init]
-        parts = {name: cut_off(getattr(value, name), cuts) for name in given}
-        cut = dataclasses.replace(value, **parts)
-    done: Value = cut
+        parts = {name: with_tensors(getattr(value, name), changed) for name in given}
+        made = dataclasses.replace(value, **parts)
+    done: Value = made
     return done
 
 
-__all__ = ["cut_off", "reference_step"]
+__all__ = ["cut_off", "reference_step", "with_tensors"]
