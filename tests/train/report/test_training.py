@@ -6,6 +6,8 @@ import torch
 
 from actorsnerf_model.actor_states import ActorsNeRFState
 from actorsnerf_model.neuralbody import NeuralBodyState
+from actorsnerf_model.published_order import PublishedOrder, PublishedState
+from actorsnerf_model.states import FieldValues, Located, PoseState
 from actorsnerf_train.checkpoint import Stage
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.report.training import Step, largest_error, make_step, training_row
@@ -44,6 +46,25 @@ def test_neural_body_has_the_references_gradients_too(
     assert row.loss_difference < 1e-5
     assert row.gradient_error < 1e-3, row.worst_parameter
     assert step.gradients()["codes.frames"].abs().max() > 0
+
+
+def test_the_reference_alone_asks_the_published_order(
+    step: Step, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    field = PublishedOrder.field
+
+    def noted(
+        self: PublishedOrder, actor: PublishedState, pose: PoseState, located: Located
+    ) -> FieldValues:
+        asked.append(located.index.shape[0])
+        return field(self, actor, pose, located)
+
+    monkeypatch.setattr(PublishedOrder, "field", noted)
+    step.ours()
+    assert asked == []
+    step.reference()
+    assert sum(asked) == step.sample.patches[..., 0].numel() * step.samples_per_ray
 
 
 def test_each_stage_trains_its_own_parts_and_keeps_the_weights(step: Step) -> None:
