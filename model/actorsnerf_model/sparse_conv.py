@@ -87,7 +87,7 @@ class _Convolve(torch.autograd.Function):
     def forward(ctx: Any, features: Tensor, weight: Tensor, pairs: Pairs) -> Tensor:
         ctx.save_for_backward(features, weight)
         ctx.pairs = pairs
-        products = _products(features[pairs.source], weight, pairs.counts)
+        products = _products(features.index_select(0, pairs.source), weight, pairs.counts)
         return _sums(products, pairs.target_order, pairs.target_starts)
 
     @staticmethod
@@ -95,13 +95,13 @@ class _Convolve(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
         features, weight = ctx.saved_tensors
         pairs: Pairs = ctx.pairs
-        given = gradient[pairs.target]
+        given = gradient.index_select(0, pairs.target)
         feature_gradient = None
         if ctx.needs_input_grad[0]:
             products = _products(given, weight.transpose(1, 2), pairs.counts)
             feature_gradient = _sums(products, pairs.source_order, pairs.source_starts)
         weight_gradient = torch.empty_like(weight)
-        source = features[pairs.source]
+        source = features.index_select(0, pairs.source)
         ends = _ends(pairs.counts)
         for offset, (start, end) in enumerate(pairwise(ends)):
             torch.mm(source[start:end].T, given[start:end], out=weight_gradient[offset])

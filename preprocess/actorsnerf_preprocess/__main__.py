@@ -115,6 +115,7 @@ def _synthesise(command: Synthetic) -> int:
     options = replace(
         preset,
         **numbers,
+        zoom=command.zoom,
         seed=command.seed,
         full=command.full,
         variant=command.variant,

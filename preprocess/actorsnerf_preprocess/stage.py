@@ -60,6 +60,8 @@ class SyntheticOptions:
     """At most 23 for ZJU-MoCap, 9 for AIST++."""
     size: int = 512
     """Height of the raw pictures, pixels; ZJU-MoCap's are square, AIST++'s 16:9."""
+    zoom: float = 1.0
+    """Focal length, times that of the data set's cameras."""
     seed: int = 0
     full: bool = False
     """Draw every camera of every frame, not only what the generic protocol uses."""
@@ -202,6 +204,8 @@ def require_sensible(options: SyntheticOptions, most_cameras: int, tree: str) ->
         if given[name] < smallest:
             flag = name.replace("_", "-")
             raise SourceError(f"--{flag} {given[name]}: expected {smallest} or more.")
+    if not 0.1 <= options.zoom <= 10:
+        raise SourceError(f"--zoom {options.zoom}: expected a factor from 0.1 to 10.")
     if not options.actors + options.held_out:
         raise SourceError("--actors 0 and --held-out 0: nobody is left to draw.")
     if options.cameras > most_cameras > 1:

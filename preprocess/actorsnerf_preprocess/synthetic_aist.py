@@ -116,10 +116,11 @@ def hall_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
     """The nine cameras of the hall, metres; c09 looks from c01's side, a little lower."""
     height = options.size
     size = (round(height * ASPECT / 2) * 2, height)
-    around = ring(8, RADIUS, HEIGHT, FOCAL * height, size)
+    focal = options.zoom * FOCAL * height
+    around = ring(8, RADIUS, HEIGHT, focal, size)
     # Real cameras follow each other clockwise, seen from above.
     clockwise = [around[-index % 8] for index in range(8)]
-    ninth = ring(1, RADIUS - 0.3, HEIGHT - 0.2, FOCAL * height, size)
+    ninth = ring(1, RADIUS - 0.3, HEIGHT - 0.2, focal, size)
     rigs = []
     for index, pinhole in enumerate((*clockwise, *ninth)):
         K = pinhole.K.copy()

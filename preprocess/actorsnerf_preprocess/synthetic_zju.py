@@ -113,7 +113,7 @@ def write_zju_tree(root: Path, options: SyntheticOptions, progress: bool = False
 def studio_rigs(options: SyntheticOptions) -> tuple[Rig, ...]:
     """The stage's cameras, in the y-up world, each before its dark curtain."""
     size = (options.size, options.size)
-    cameras = ring(options.cameras, RADIUS, HEIGHT, FOCAL * options.size, size)
+    cameras = ring(options.cameras, RADIUS, HEIGHT, options.zoom * FOCAL * options.size, size)
     return tuple(
         rig_of(
             Lens(camera, DISTORTIONS[index % len(DISTORTIONS)]),

@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -6,6 +7,7 @@ import pytest
 
 from actorsnerf_datasets.types import Float64
 from actorsnerf_preprocess.renderer import MeshRenderer
+from actorsnerf_preprocess.shots import Rig
 from actorsnerf_preprocess.source import SourceError
 from actorsnerf_preprocess.stage import (
     HELD_OUT,
@@ -23,6 +25,8 @@ from actorsnerf_preprocess.stage import (
     ring,
     sign_finished,
 )
+from actorsnerf_preprocess.synthetic_aist import hall_rigs
+from actorsnerf_preprocess.synthetic_zju import studio_rigs
 
 FEW = SyntheticOptions(actors=2, held_out=1, frames=4, texture=64)
 
@@ -51,6 +55,16 @@ def test_the_ring_looks_at_the_dancer_from_all_sides() -> None:
         assert np.abs(waist[:2]).max() < 1e-12 and waist[2] > 2.9
         # Image y runs down.
         assert camera.R[1] @ [0, 1, 0] < -0.9
+
+
+@pytest.mark.parametrize("rigs", [studio_rigs, hall_rigs])
+def test_a_zoom_lengthens_every_lens(rigs: Callable[[SyntheticOptions], tuple[Rig, ...]]) -> None:
+    for plain, close in zip(rigs(FEW), rigs(replace(FEW, zoom=1.5)), strict=True):
+        before, after = plain.lens.pinhole, close.lens.pinhole
+        np.testing.assert_allclose(after.K[[0, 1], [0, 1]], 1.5 * before.K[[0, 1], [0, 1]])
+        np.testing.assert_array_equal(after.K[:2, 2], before.K[:2, 2])
+        np.testing.assert_array_equal(after.T, before.T)
+        assert after.size == before.size
 
 
 def test_the_seed_decides_everybody() -> None:
@@ -94,6 +108,8 @@ def test_one_shape_if_the_data_set_knows_only_one() -> None:
         (replace(FEW, cameras=0), "--cameras 0: expected 1 or more"),
         (replace(FEW, held_out=-1), "--held-out -1: expected 0 or more"),
         (replace(FEW, size=3), "--size 3: expected 32 or more"),
+        (replace(FEW, zoom=0.0), "--zoom 0.0: expected a factor from 0.1 to 10"),
+        (replace(FEW, zoom=float("nan")), "--zoom nan: expected a factor"),
         (replace(FEW, actors=0, held_out=0), "nobody is left to draw"),
         (replace(FEW, cameras=10), "--cameras 10: an AIST.. tree has 9 cameras at most"),
     ],
