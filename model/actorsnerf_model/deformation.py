@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_model.fourier import annealed_fourier_features
+from actorsnerf_model.pieces import tiles
 
 POSE_NUMBERS = 69
 """Axis-angle of joints 1 to 23; the root is folded into the camera."""
@@ -98,8 +99,12 @@ class Deformation(nn.Module):
 
         The pose's share of each layer is computed once, not per point.
         """
-        numbers = pose[1:].reshape(POSE_NUMBERS)
-        hidden = given[:, :0]
+        layers = self._posed_layers(pose[1:].reshape(POSE_NUMBERS))
+        return torch.cat([self._onward(given[rows], layers) for rows in tiles(given)])
+
+    def _posed_layers(self, numbers: Float[Tensor, "69"]) -> list[tuple[Tensor, Tensor]]:
+        """Weights and biases of the hidden layers, the pose's share in the biases."""
+        layers = []
         for i, layer in enumerate(self.hidden):
             assert isinstance(layer, nn.Linear)
             weight: Tensor = layer.weight
@@ -107,7 +112,16 @@ class Deformation(nn.Module):
             if i in (0, self.skip):
                 bias = F.linear(numbers, weight[:, -POSE_NUMBERS:], bias)
                 weight = weight[:, :-POSE_NUMBERS]
-                hidden = torch.cat([hidden, given], dim=1) if i else given
+            layers.append((weight, bias))
+        return layers
+
+    def _onward(
+        self, given: Float[Tensor, "points given"], layers: list[tuple[Tensor, Tensor]]
+    ) -> Float[Tensor, "points 3"]:
+        hidden = given
+        for i, (weight, bias) in enumerate(layers):
+            if i == self.skip:
+                hidden = torch.cat([hidden, given], dim=1)
             hidden = F.relu_(F.linear(hidden, weight, bias))
         offsets: Tensor = self.offset(hidden)
         return offsets

@@ -7,6 +7,8 @@ before the mean over views, the mean comes first; and colour, which the density 
 its own branch, for the points that can be seen.
 """
 
+import functools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
@@ -16,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_model.fourier import fourier_features
+from actorsnerf_model.pieces import tiles
 
 
 @dataclass(frozen=True)
@@ -41,16 +44,16 @@ class PointFeatures:
 
     position: Float[Tensor, "points position"]
     """Encoded."""
-    seen: Float[Tensor, "views points code"] | None
-    """Each support view's pixel features, reduced."""
+    pixels: Float[Tensor, "views points code"] | None
+    """Each support view's pixel features, reduced, but for their bias and ReLU."""
     body: Float[Tensor, "points code"] | None
     """SMPL features, reduced."""
 
-    def chosen(self, which: Int[Tensor, "some"]) -> "PointFeatures":
+    def chosen(self, which: Int[Tensor, "some"] | slice) -> "PointFeatures":
         """Those of some of the points."""
-        seen = None if self.seen is None else self.seen[:, which]
+        pixels = None if self.pixels is None else self.pixels[:, which]
         body = None if self.body is None else self.body[which]
-        return PointFeatures(self.position[which], seen, body)
+        return PointFeatures(self.position[which], pixels, body)
 
 
 class Radiance(nn.Module):
@@ -125,46 +128,53 @@ class Radiance(nn.Module):
             body: body features at the points.
         """
         position = fourier_features(points, self.config.octaves, identity=True)
-        seen = shared = None
-        if self.pixel is not None:
-            assert pixels is not None
-            seen = F.relu_(pixels + self.pixel.bias)
+        reduced = None
         if self.body is not None:
             assert body is not None
-            shared = F.relu_(self.body(body))
-        return PointFeatures(position, seen, shared)
+            reduced = F.relu_(self.body(body))
+        return PointFeatures(position, pixels, reduced)
 
     def density(self, features: PointFeatures) -> Float[Tensor, "points"]:
         """Density in 1/metre."""
-        hidden = self._joined(self.density_0, features).mean(dim=0)
-        hidden = F.relu_(_two_inputs(self.density_1, hidden, features.position))
-        hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
-        raw = self.density_out(hidden)[:, 0]
-        return positive_density(raw.to(features.position.dtype), self.config)
+        parts = [self._density(features.chosen(rows)) for rows in tiles(features.position)]
+        return positive_density(torch.cat(parts).to(features.position.dtype), self.config)
 
     def colour(self, features: PointFeatures) -> Float[Tensor, "points 3"]:
         """Colour in (0, 1)."""
-        width, first = self.config.width, self.colour_1
-        shared = F.linear(features.position, first.weight[:, width:], first.bias)
-        joined = F.linear(self._joined(self.colour_0, features), first.weight[:, :width])
-        per_view = F.relu_(joined.add_(shared))
-        hidden = F.relu_(self.colour_2(per_view.mean(dim=0)))
-        raw = self.colour_out(F.relu_(self.colour_3(hidden)))
-        return torch.sigmoid(raw.to(features.position.dtype))
+        parts = [self._colour(features.chosen(rows)) for rows in tiles(features.position)]
+        return torch.sigmoid(torch.cat(parts).to(features.position.dtype))
 
-    def _joined(
+    def _density(self, features: PointFeatures) -> Float[Tensor, "points"]:
+        hidden = _mean(self._first_layer(self.density_0, features))
+        hidden = F.relu_(_two_inputs(self.density_1, hidden, features.position))
+        hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
+        raw: Tensor = self.density_out(hidden)[:, 0]
+        return raw
+
+    def _colour(self, features: PointFeatures) -> Float[Tensor, "points 3"]:
+        width, second = self.config.width, self.colour_1
+        shared = F.linear(features.position, second.weight[:, width:], second.bias)
+        weight = second.weight[:, :width].t()
+        views = self._first_layer(self.colour_0, features)
+        hidden = _mean(F.relu_(torch.addmm(shared, view, weight)) for view in views)
+        raw: Tensor = self.colour_out(F.relu_(self.colour_3(F.relu_(self.colour_2(hidden)))))
+        return raw
+
+    def _first_layer(
         self, layer: nn.Linear, features: PointFeatures
-    ) -> Float[Tensor, "views points width"]:
-        """First layer of a branch, view by view; the body's share is made once."""
+    ) -> Iterator[Float[Tensor, "points width"]]:
+        """First layer of a branch, view after view; the body's share is made once."""
         code = self.config.code
-        if features.seen is None and features.body is None:
-            return F.relu_(layer(features.position))[None]
-        total: Tensor = layer.bias
+        if features.pixels is None:
+            yield F.relu_(layer(features.position if features.body is None else features.body))
+            return
+        assert self.pixel is not None
+        shared: Tensor = layer.bias
         if features.body is not None:
-            total = F.linear(features.body, layer.weight[:, :code], layer.bias)[None]
-        if features.seen is not None:
-            total = F.linear(features.seen, layer.weight[:, -code:]).add_(total)
-        return F.relu_(total)
+            shared = F.linear(features.body, layer.weight[:, :code], layer.bias)
+        weight = layer.weight[:, -code:].t()
+        for view in features.pixels:
+            yield F.relu_(torch.addmm(shared, F.relu_(view + self.pixel.bias), weight))
 
 
 @runtime_checkable
@@ -191,6 +201,11 @@ def positive_density(
     shifted = raw + config.density_shift
     positive = F.relu(shifted) if config.density == "relu" else F.softplus(shifted)
     return positive * config.density_scale
+
+
+def _mean(views: Iterable[Float[Tensor, "points width"]]) -> Float[Tensor, "points width"]:
+    each = list(views)
+    return functools.reduce(torch.add, each) / len(each)
 
 
 def _two_inputs(

@@ -50,9 +50,9 @@ RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
 POINTS_AT_ONCE = 65536
 """Points that are located together, on a CPU."""
-LOOKED_AT_ONCE = 2048
-"""Points through the networks at once where no gradient is wanted, on a CPU: their hidden layers
-stay in its cache. A gradient wants few large pieces, because each makes one of whole tables."""
+LOOKED_AT_ONCE = 8192
+"""Points through the field at once where no gradient is wanted, on a CPU: what is read for them
+stays in its cache. A gradient wants few large pieces, because each makes one of whole tables."""
 STRIDE = 4
 """Survivors of a ray that go through the networks before its light is measured again."""
 
