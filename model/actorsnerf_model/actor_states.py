@@ -63,12 +63,25 @@ class CategoryPrior:
 
 
 @dataclass(frozen=True)
+class UnreadMap:
+    """A feature map and the linear layer that it still goes through, at the nodes that are read.
+
+    A training step reads few of a map's nodes: a gradient of the whole map would be mostly zeros.
+    """
+
+    trunk: FeatureMap
+    weight: Float[Tensor, "out channels"]
+
+
+@dataclass(frozen=True)
 class ActorsNeRFState:
     """All that rendering needs of an actor, whatever the pose and the camera."""
 
     body: ActorBody
     maps: FeatureMap | None
     """The trunk's map through the linear layers that would follow its interpolation."""
+    unread: UnreadMap | None
+    """The same, the layers still to be computed, where a gradient is wanted; None where none is."""
     levels: tuple[FeatureLevel, ...]
     """The diffused SMPL features; empty where the method has none."""
     window: float

@@ -17,6 +17,7 @@ from actorsnerf_model.actor_states import (
     ActorGeometry,
     ActorsNeRFState,
     CategoryPrior,
+    UnreadMap,
     actor_geometry,
     check_supports,
     support_cameras,
@@ -179,17 +180,27 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
     def instance_state(self, prior: CategoryPrior, window: float) -> ActorsNeRFState:
         """The whole state from a category prior; what learns in few-shot runs here."""
         box = prior.body.geometry.box
-        maps = None
+        maps = unread = None
         if prior.trunk is not None:
-            with self.networks(box):
-                table = F.linear(prior.trunk.table, self._map_weight(window)).to(box.dtype)
+            weight = self._map_weight(window)
+            table = self._reduced(prior.trunk.table, weight, box.dtype)
             maps = FeatureMap(table, prior.trunk.first)
+            unread = UnreadMap(prior.trunk, weight) if table.requires_grad else None
         plan = prior.body.geometry.plan
         levels = ()
         if self.sparse is not None and prior.vertices is not None and plan is not None:
             dtype = box.dtype if self.network_dtype == torch.float32 else self.network_dtype
             levels = self.sparse(prior.vertices, plan, dtype)
-        return ActorsNeRFState(prior.body, maps, levels, window)
+        return ActorsNeRFState(prior.body, maps, unread, levels, window)
+
+    def _reduced(
+        self,
+        rows: Float[Tensor, "*rows channels"],
+        weight: Float[Tensor, "out channels"],
+        dtype: torch.dtype,
+    ) -> Float[Tensor, "*rows out"]:
+        with self.networks(rows):
+            return F.linear(rows, weight).to(dtype)
 
     def _map_weight(self, window: float) -> Float[Tensor, "out channels"]:
         """The linear layers that follow interpolation: linear, so they may come before it."""
@@ -318,6 +329,16 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         with self.networks(points):
             return self.deformation.point_input(normal, actor.window, codes)
 
+    def _read(
+        self, maps: FeatureMap, actor: ActorsNeRFState, posed: Float[Tensor, "views points 3"]
+    ) -> Float[Tensor, "views points code"]:
+        if actor.unread is None or not torch.is_grad_enabled():
+            return read_features(maps, actor.body.cameras, posed)
+        trunk, weight = actor.unread.trunk, actor.unread.weight
+        return read_features(
+            trunk, actor.body.cameras, posed, lambda rows: self._reduced(rows, weight, posed.dtype)
+        )
+
     def _pixel_features(
         self, actor: ActorsNeRFState, points: Float[Tensor, "points 3"]
     ) -> tuple[Tensor | None, Tensor | None]:
@@ -327,7 +348,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         with torch.autocast(points.device.type, enabled=False):
             # A point that no bone holds stays where it is; only a threshold of 0 locates any.
             posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
-            read = read_features(actor.maps, actor.body.cameras, posed)
+            read = self._read(actor.maps, actor, posed)
         code = self.config.radiance.code
         if read.shape[-1] == code:
             return read, None

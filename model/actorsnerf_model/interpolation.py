@@ -5,23 +5,31 @@ These are `grid_sample`'s values for align_corners=True and zero padding, severa
 CPU, because a point's corners are read as whole rows by `embedding_bag`.
 """
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
+Layer: TypeAlias = Callable[[Float[Tensor, "rows channels"]], Float[Tensor, "rows read"]]
+"""What every row goes through by itself."""
 ROWS_AT_ONCE = 16384
 """Points per pass where no gradient is wanted; keeps the corner arithmetic in the cache."""
 
 
 def bilinear(
-    tables: Float[Tensor, "tables height width channels"], xy: Float[Tensor, "tables points 2"]
-) -> Float[Tensor, "tables points channels"]:
+    tables: Float[Tensor, "tables height width channels"],
+    xy: Float[Tensor, "tables points 2"],
+    layer: Layer | None = None,
+) -> Float[Tensor, "tables points read"]:
     """Rows of each table read between four nodes; zero outside. Differentiable in both arguments.
 
     Args:
         tables: one row of channels per node.
         xy: x, y in nodes of each table's own points.
+        layer: linear, without bias; computed for the rows that are read, and for no others.
 
     >>> bilinear(torch.tensor([[[[0.0], [2.0]]]]), torch.tensor([[[0.5, 0.0]]])).tolist()
     [[[1.0]]]
@@ -29,8 +37,9 @@ def bilinear(
     count, height, width, channels = tables.shape
     first = height * width * torch.arange(count, device=xy.device)
     first = first[:, None].expand(-1, xy.shape[1]).reshape(-1)
-    read = _interpolate(tables.reshape(-1, channels), xy.reshape(-1, 2), (height, width), first)
-    return read.reshape(count, xy.shape[1], channels)
+    rows, places = tables.reshape(-1, channels), xy.reshape(-1, 2)
+    read = _interpolate(rows, places, (height, width), first, layer)
+    return read.reshape(count, xy.shape[1], read.shape[-1])
 
 
 def trilinear(
@@ -83,17 +92,18 @@ def _interpolate(
     coordinates: Float[Tensor, "points axes"],
     sizes: tuple[int, ...],
     first: Int[Tensor, "points"] | None = None,
-) -> Float[Tensor, "points channels"]:
+    layer: Layer | None = None,
+) -> Float[Tensor, "points read"]:
     """Rows between a grid's nodes; `first` is the number of each point's node (0, 0)."""
     wants_gradient = torch.is_grad_enabled() and (rows.requires_grad or coordinates.requires_grad)
     if wants_gradient or coordinates.shape[0] <= ROWS_AT_ONCE:
         # In one piece: each call's backward makes a gradient as large as the table.
-        return _weighted_rows(rows, coordinates, sizes, first)
+        return _weighted_rows(rows, coordinates, sizes, first, layer)
     pieces = []
     for begin in range(0, coordinates.shape[0], ROWS_AT_ONCE):
         part = slice(begin, begin + ROWS_AT_ONCE)
         own = None if first is None else first[part]
-        pieces.append(_weighted_rows(rows, coordinates[part], sizes, own))
+        pieces.append(_weighted_rows(rows, coordinates[part], sizes, own, layer))
     return torch.cat(pieces)
 
 
@@ -102,13 +112,28 @@ def _weighted_rows(
     coordinates: Float[Tensor, "points axes"],
     sizes: tuple[int, ...],
     first: Int[Tensor, "points"] | None,
-) -> Float[Tensor, "points channels"]:
+    layer: Layer | None,
+) -> Float[Tensor, "points read"]:
     if coordinates.shape[0] == 0:
-        return rows[:0] + coordinates.sum() * 0
+        none = rows[:0] if layer is None else layer(rows[:0])
+        return none + coordinates.sum() * 0
     index, weight = corners(coordinates, sizes)
     if first is not None:
         index = index + first[:, None]
+    if layer is not None:
+        index, rows = _only_read(rows, index)
+        rows = layer(rows)
     return F.embedding_bag(index, rows, mode="sum", per_sample_weights=weight.to(rows.dtype))
 
 
-__all__ = ["bilinear", "corners", "trilinear"]
+def _only_read(
+    rows: Float[Tensor, "nodes channels"], index: Int[Tensor, "points corners"]
+) -> tuple[Int[Tensor, "points corners"], Float[Tensor, "read channels"]]:
+    """The rows that an index names, each once, and the index among them."""
+    read = torch.zeros(rows.shape[0], dtype=torch.bool, device=rows.device)
+    read.index_fill_(0, index.reshape(-1), True)
+    number = read.cumsum(0) - 1
+    return number[index], rows.index_select(0, read.nonzero()[:, 0])
+
+
+__all__ = ["Layer", "bilinear", "corners", "trilinear"]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from actorsnerf_model.encoder import FeatureMap
-from actorsnerf_model.interpolation import bilinear
+from actorsnerf_model.interpolation import Layer, bilinear
 from actorsnerf_model.projection import project
 
 FAR_OUTSIDE = -1e4
@@ -27,8 +27,11 @@ class SupportCameras:
 
 
 def read_features(
-    features: FeatureMap, cameras: SupportCameras, points: Float[Tensor, "views points 3"]
-) -> Float[Tensor, "views points channels"]:
+    features: FeatureMap,
+    cameras: SupportCameras,
+    points: Float[Tensor, "views points 3"],
+    layer: Layer | None = None,
+) -> Float[Tensor, "views points read"]:
     """Each view's features where its copy of the points projects, bilinear.
 
     Zero outside the picture, as in the released code, also where the view's crop hangs over the
@@ -41,9 +44,10 @@ def read_features(
         features: of K views.
         cameras: of the same views.
         points: posed body frame of each view's frame, metres.
+        layer: linear, without bias, that the features still go through.
     """
     seen = project(points, cameras.K, cameras.camera_from_body)
     low, high = cameras.edges[:, None].unbind(2)
     inside = ((seen.pixels >= low) & (seen.pixels <= high)).all(-1)
     pixels = torch.where((seen.in_front & inside)[..., None], seen.pixels, FAR_OUTSIDE)
-    return bilinear(features.table, features.cells(pixels))
+    return bilinear(features.table, features.cells(pixels), layer)

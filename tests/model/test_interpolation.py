@@ -85,6 +85,30 @@ def test_the_gradient_of_the_table_does_not_depend_on_pieces(generator: torch.Ge
     torch.testing.assert_close(without, with_gradient.detach(), rtol=0, atol=0)
 
 
+def test_a_layer_runs_on_the_rows_that_are_read_alone(generator: torch.Generator) -> None:
+    tables = torch.rand(2, 7, 5, 3, dtype=torch.float64, generator=generator, requires_grad=True)
+    weight = torch.rand(4, 3, dtype=torch.float64, generator=generator, requires_grad=True)
+    near = torch.rand(2, 6, 2, dtype=torch.float64, generator=generator, requires_grad=True)
+    ran: list[int] = []
+
+    def layer(rows: torch.Tensor) -> torch.Tensor:
+        ran.append(rows.shape[0])
+        return F.linear(rows, weight)
+
+    some = bilinear(tables, 1.5 + near, layer)  # between nodes 1 and 3 of each axis
+    whole = bilinear(F.linear(tables, weight), 1.5 + near)
+    torch.testing.assert_close(some, whole, rtol=0, atol=1e-14)
+    assert len(ran) == 1 and 2 * 4 < ran[0] <= 2 * 9
+    given = (tables, weight, near)
+    for found, expected in zip(
+        torch.autograd.grad((some**2).sum(), given),
+        torch.autograd.grad((whole**2).sum(), given),
+        strict=True,
+    ):
+        torch.testing.assert_close(found, expected, rtol=0, atol=1e-12)
+    assert bilinear(tables, near[:, :0], layer).shape == (2, 0, 4)
+
+
 @pytest.mark.parametrize("wants_gradient", [True, False])
 def test_no_points(wants_gradient: bool) -> None:
     tables = torch.ones(2, 2, 2, 3, requires_grad=wants_gradient)
