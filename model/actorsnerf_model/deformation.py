@@ -121,8 +121,11 @@ class Deformation(nn.Module):
         hidden = given
         for i, (weight, bias) in enumerate(layers):
             if i == self.skip:
-                hidden = torch.cat([hidden, given], dim=1)
-            hidden = F.relu_(F.linear(hidden, weight, bias))
+                width = hidden.shape[1]
+                again = F.linear(given, weight[:, width:], bias)
+                hidden = F.relu_(torch.addmm(again, hidden, weight[:, :width].t()))
+            else:
+                hidden = F.relu_(F.linear(hidden, weight, bias))
         offsets: Tensor = self.offset(hidden)
         return offsets
 

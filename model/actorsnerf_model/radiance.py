@@ -146,19 +146,26 @@ class Radiance(nn.Module):
 
     def _density(self, features: PointFeatures) -> Float[Tensor, "points"]:
         hidden = _mean(self._first_layer(self.density_0, features))
-        hidden = F.relu_(_two_inputs(self.density_1, hidden, features.position))
+        placed, weight = self._placed(self.density_1, features)
+        hidden = F.relu_(torch.addmm(placed, hidden, weight))
         hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
         raw: Tensor = self.density_out(hidden)[:, 0]
         return raw
 
     def _colour(self, features: PointFeatures) -> Float[Tensor, "points 3"]:
-        width, second = self.config.width, self.colour_1
-        shared = F.linear(features.position, second.weight[:, width:], second.bias)
-        weight = second.weight[:, :width].t()
+        placed, weight = self._placed(self.colour_1, features)
         views = self._first_layer(self.colour_0, features)
-        hidden = _mean(F.relu_(torch.addmm(shared, view, weight)) for view in views)
+        hidden = _mean(F.relu_(torch.addmm(placed, view, weight)) for view in views)
         raw: Tensor = self.colour_out(F.relu_(self.colour_3(F.relu_(self.colour_2(hidden)))))
         return raw
+
+    def _placed(
+        self, layer: nn.Linear, features: PointFeatures
+    ) -> tuple[Float[Tensor, "points width"], Float[Tensor, "width width"]]:
+        """What a layer makes of the position alone, and its weight for the rest of its input."""
+        width = self.config.width
+        placed = F.linear(features.position, layer.weight[:, width:], layer.bias)
+        return placed, layer.weight[:, :width].t()
 
     def _first_layer(
         self, layer: nn.Linear, features: PointFeatures
@@ -206,9 +213,3 @@ def positive_density(
 def _mean(views: Iterable[Float[Tensor, "points width"]]) -> Float[Tensor, "points width"]:
     each = list(views)
     return functools.reduce(torch.add, each) / len(each)
-
-
-def _two_inputs(
-    layer: nn.Linear, first: Float[Tensor, "points a"], second: Float[Tensor, "points b"]
-) -> Float[Tensor, "points out"]:
-    return F.linear(torch.cat([first, second.to(first.dtype)], dim=-1), layer.weight, layer.bias)
