@@ -179,7 +179,7 @@ class RenderOptions:
     chunk: int = 16384
     """Points through the networks at once."""
     kept: int = 49152
-    """Points of which a training step keeps what its gradient needs, 28 kB a point at most at the
+    """Points of which a training step keeps what its gradient needs, 36 kB a point at most at the
     official sizes; for the others it is computed a second time (same values, less memory)."""
 
 
