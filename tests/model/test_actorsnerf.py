@@ -148,6 +148,22 @@ def test_prior_once_and_state_each_step_is_the_whole_state(support_views: Views)
     assert not step.body.skinning.weights.requires_grad
 
 
+def test_where_a_gradient_is_wanted_the_whole_map_is_not_read(support_views: Views) -> None:
+    scene = stage(TINY, support_views(4))
+    method, actor = scene.method, scene.actor
+    assert actor.maps is not None and actor.unread is not None
+    learned = method.field(actor, scene.pose, scene.located)
+    gone = replace(actor.maps, table=torch.full_like(actor.maps.table, torch.nan))
+    blind = replace(actor, maps=gone)
+    assert torch.equal(method.field(blind, scene.pose, scene.located).density, learned.density)
+    with torch.no_grad():
+        looked = method.field(actor, scene.pose, scene.located)
+        assert method.field(blind, scene.pose, scene.located).density.isnan().any()
+        assert method.actor_state(support_views(3), OPEN).unread is None
+    torch.testing.assert_close(looked.density, learned.density, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(looked.rgb, learned.rgb, rtol=1e-4, atol=1e-5)
+
+
 def test_views_of_different_sizes(support_views: Views) -> None:
     views = support_views(3)
     cut = replace(views[1], image=views[1].image[:50, :40], alpha=views[1].alpha[:50, :40])

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from actorsnerf_model import pieces
 from actorsnerf_model.deformation import Deformation, DeformationConfig
 
 VIEWS = 3
@@ -36,6 +37,16 @@ def made(config: DeformationConfig, channels: int, dtype: torch.dtype) -> Deform
     net = Deformation(config, channels, VIEWS).to(dtype)
     torch.nn.init.normal_(net.offset.weight)
     return net
+
+
+def test_tiles_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pieces, "TILE", 7)
+    net = made(DeformationConfig(width=16, depth=4, skip=2, octaves=3, code=5), 10, torch.float32)
+    arguments = (torch.rand(30, 3), 3.0, torch.randn(24, 3), torch.randn(VIEWS, 30, 10))
+    whole = rearranged(net, *arguments)
+    with torch.no_grad():
+        tiled = rearranged(net, *arguments)
+    torch.testing.assert_close(tiled, whole, atol=1e-6, rtol=1e-5)
 
 
 @pytest.mark.parametrize("channels", [0, 10])

@@ -5,6 +5,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from actorsnerf_model import pieces
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 
 VIEWS, PIXEL, BODY = 3, 7, 5
@@ -35,6 +36,17 @@ def test_equals_the_published_order(config: RadianceConfig, pixel: int, body: in
     slow_rgb, slow_density = net(points, seen, held)
     torch.testing.assert_close(rgb, slow_rgb, atol=1e-5, rtol=1e-5)
     torch.testing.assert_close(density, slow_density, atol=1e-5, rtol=1e-5)
+
+
+def test_tiles_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pieces, "TILE", 7)
+    torch.manual_seed(4)
+    net = Radiance(SOFT, PIXEL, BODY)
+    points, seen, held = torch.rand(30, 3), torch.randn(VIEWS, 30, PIXEL), torch.randn(30, BODY)
+    whole = rearranged(net, points, seen, held)
+    with torch.no_grad():
+        tiled = rearranged(net, points, seen, held)
+    torch.testing.assert_close(tiled, whole, atol=1e-6, rtol=1e-5)
 
 
 def test_released_size() -> None:
