@@ -9,9 +9,9 @@ every network, in the published order. Samples lie evenly along the rays. Writes
 import argparse
 import copy
 import dataclasses
-from pathlib import Path
 
 import torch
+from fitted import add_arguments, fitted_actor
 from records import Table, record
 from torch import Tensor
 
@@ -21,11 +21,7 @@ from actorsnerf_train.objective import Objective
 from actorsnerf_train.options import ready_perceptual
 from actorsnerf_train.report.reference_step import reference_step, with_tensors
 from actorsnerf_train.report.training import STAGES, Step, largest_error, make_step
-from actorsnerf_train.trained import load_trained, resampled
 
-HERE = Path(__file__).resolve().parent.parent / "data/big"
-ACTOR = HERE / "fitted"
-DATA = HERE / "prepared/CoreView_heldout00.h5"
 SEED = 0
 Gradients = dict[str, Tensor]
 
@@ -79,14 +75,11 @@ def row(step: Step, what: str) -> tuple[str | float, ...]:
 def main() -> None:
     """Compares and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--checkpoint", type=Path, default=ACTOR, help="of a fitted actor")
-    parser.add_argument("--data", type=Path, default=DATA, help="its prepared file")
-    parser.add_argument("--samples", type=int, default=32, help="per ray")
+    add_arguments(parser, samples=32)
     options = parser.parse_args()
-    if not options.checkpoint.exists():
-        print(f"not measured: there is no fitted actor at {options.checkpoint}; give --checkpoint")
+    trained = fitted_actor(options)
+    if trained is None:
         return
-    trained = resampled(load_trained(options.checkpoint, torch.device("cpu")), options.samples)
     perceptual = ready_perceptual(LpipsFiles())
     rows = []
     for stage in STAGES:

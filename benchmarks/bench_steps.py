@@ -5,9 +5,9 @@ frames. Wants the machine to itself. Writes `results/steps.md` and `.json`.
 """
 
 import argparse
-from pathlib import Path
 
 import torch
+from fitted import add_arguments, fitted_actor
 from records import Table, record
 
 from actorsnerf_train.allocator import keep_memory
@@ -15,11 +15,7 @@ from actorsnerf_train.lpips import LpipsFiles
 from actorsnerf_train.options import ready_perceptual
 from actorsnerf_train.report.measure import Spread
 from actorsnerf_train.report.training import training_rows
-from actorsnerf_train.trained import load_trained, resampled
 
-HERE = Path(__file__).resolve().parent.parent / "data/big"
-ACTOR = HERE / "fitted"
-DATA = HERE / "prepared/CoreView_heldout00.h5"
 SEED = 0
 
 
@@ -31,15 +27,12 @@ def seconds(spread: Spread) -> str:
 def main() -> None:
     """Measures and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--checkpoint", type=Path, default=ACTOR, help="of a fitted actor")
-    parser.add_argument("--data", type=Path, default=DATA, help="its prepared file")
-    parser.add_argument("--samples", type=int, default=128, help="per ray")
+    add_arguments(parser, samples=128)
     parser.add_argument("--rounds", type=int, default=3, help="in turns")
     options = parser.parse_args()
-    if not options.checkpoint.exists():
-        print(f"not measured: there is no fitted actor at {options.checkpoint}; give --checkpoint")
+    trained = fitted_actor(options)
+    if trained is None:
         return
-    trained = resampled(load_trained(options.checkpoint, torch.device("cpu")), options.samples)
     perceptual = ready_perceptual(LpipsFiles())
     rows = training_rows(trained, options.data, perceptual, options.rounds, SEED)
     columns = (
