@@ -195,12 +195,12 @@ def test_synthetic_writes_what_its_preset_and_numbers_say(
         synthetic, "write_zju_tree", lambda root, options, progress: written.append((root, options))
     )
     out = tmp_path / "my raw"
-    command = arguments("synthetic", "--out", out, "--preset", "tiny", "--frames", 7)
+    command = arguments("synthetic", "--out", out, "--preset", "tiny", "--frames", 7, "--zoom", 1.5)
     assert main([*command, "--variant", "classic-21", "--fit-noise"]) == 0
     ((root, options),) = written
     assert root == out
     assert options == replace(
-        synthetic.PRESETS["tiny"], frames=7, variant="classic-21", fit_noise=True
+        synthetic.PRESETS["tiny"], frames=7, zoom=1.5, variant="classic-21", fit_noise=True
     )
     assert capsys.readouterr().out.splitlines() == [
         f"5 dancers in {out}",
