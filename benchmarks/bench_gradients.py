@@ -1,8 +1,9 @@
 """How exact a training step's gradients are: ours and the reference's, against float64.
 
-One patch of each stage's step on a fitted actor, with and without the perceptual term, whose own
+Each stage's step on a fitted actor, the one that the report times, with and without the perceptual term, whose own
 gradient may turn on rounding. The truth is the reference renderer in float64: every sample through
-every network, in the published order. Samples lie evenly along the rays. Writes
+every network, in the published order. Our step in float64 shows what the savings themselves leave
+out, both steps in float32 what rounding adds. Samples lie evenly along the rays. Writes
 `results/gradients.md` and `.json`.
 """
 
@@ -67,25 +68,31 @@ def gradients(step: Step) -> Gradients:
 
 def row(step: Step, what: str) -> tuple[str | float, ...]:
     """Largest relative L2 errors over the parameters."""
-    truth, slow, fast = reference(double_step(step)), reference(step), ours(step)
-    pairs = [largest_error(fast, slow), largest_error(fast, truth), largest_error(slow, truth)]
+    double = double_step(step)
+    truth, exact, slow, fast = reference(double), ours(double), reference(step), ours(step)
+    pairs = [
+        largest_error(exact, truth),
+        largest_error(fast, slow),
+        largest_error(fast, truth),
+        largest_error(slow, truth),
+    ]
     return step.stage, what, *(f"{error:.1e} ({name})" for name, error in pairs)
 
 
 def main() -> None:
     """Compares and writes."""
     parser = argparse.ArgumentParser(description=__doc__)
-    add_arguments(parser, samples=32)
+    add_arguments(parser, samples=128)
     options = parser.parse_args()
     trained = fitted_actor(options)
     if trained is None:
         return
     perceptual = ready_perceptual(LpipsFiles())
     rows = []
+    count = side = 0
     for stage in STAGES:
         step = make_step(stage, trained, options.data, perceptual, SEED)
-        patch = step.sample.patches[:1]
-        step = dataclasses.replace(step, sample=dataclasses.replace(step.sample, patches=patch))
+        count, side = step.sample.patches.shape[:2]
         rows.append(row(step, f"{perceptual.name} and squared error"))
         plain = copy.copy(step.objective)
         plain.weights = dataclasses.replace(plain.weights, perceptual=0.0)
@@ -94,12 +101,13 @@ def main() -> None:
     columns = (
         "stage",
         "loss",
+        "ours in float64, from the reference in float64",
         "ours, from the reference in float32",
         "ours, from float64",
         "the reference in float32, from float64",
     )
     remark = (
-        f"{trained.actor}, `{trained.config.preset}` sizes, one patch of 32x32 pixels, "
+        f"{trained.actor}, `{trained.config.preset}` sizes, {count} patches of {side}x{side} pixels, "
         f"{options.samples} samples a ray: the largest relative L2 error over all parameters, "
         "and whose it is."
     )
