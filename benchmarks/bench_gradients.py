@@ -1,10 +1,10 @@
 """How exact a training step's gradients are: ours and the reference's, against float64.
 
-Each stage's step on a fitted actor, the one that the report times, with and without the perceptual term, whose own
-gradient may turn on rounding. The truth is the reference renderer in float64: every sample through
-every network, in the published order. Our step in float64 shows what the savings themselves leave
-out, both steps in float32 what rounding adds. Samples lie evenly along the rays. Writes
-`results/gradients.md` and `.json`.
+Each stage's step on a fitted actor, as the report times it, with and without the perceptual term,
+whose own gradient may turn on rounding. The truth is the reference renderer in float64: every
+sample through every network, in the published order. Our step in float64 shows what the savings
+themselves leave out, both steps in float32 what rounding adds. Samples lie evenly along the rays.
+Writes `results/gradients.md` and `.json`.
 """
 
 import argparse
@@ -107,9 +107,9 @@ def main() -> None:
         "the reference in float32, from float64",
     )
     remark = (
-        f"{trained.actor}, `{trained.config.preset}` sizes, {count} patches of {side}x{side} pixels, "
-        f"{options.samples} samples a ray: the largest relative L2 error over all parameters, "
-        "and whose it is."
+        f"{trained.actor}, `{trained.config.preset}` sizes, {count} patches of {side}x{side} "
+        f"pixels, {options.samples} samples a ray: the largest relative L2 error over all "
+        "parameters, and whose it is."
     )
     record(
         "gradients",
