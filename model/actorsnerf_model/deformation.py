@@ -44,6 +44,7 @@ class Deformation(nn.Module):
         super().__init__()
         self.octaves = config.octaves
         self.skip = config.skip
+        self.views = views
         self.pixel_code = nn.Linear(pixel_channels, config.code) if pixel_channels else None
         self.point_features = 6 * config.octaves + (views * config.code if pixel_channels else 0)
         given = self.point_features + POSE_NUMBERS
@@ -97,20 +98,30 @@ class Deformation(nn.Module):
     ) -> Float[Tensor, "points 3"]:
         """The offsets of points in a pose from their `point_input`, which no pose changes.
 
-        The pose's share of each layer is computed once, not per point.
+        What the pose and the codes' bias add to a layer is computed once, not per point.
         """
-        layers = self._posed_layers(pose[1:].reshape(POSE_NUMBERS))
+        alike = torch.cat([self.code_biases(), pose[1:].reshape(POSE_NUMBERS)])
+        layers = self._posed_layers(alike)
         return torch.cat([self._onward(given[rows], layers) for rows in tiles(given)])
 
-    def _posed_layers(self, numbers: Float[Tensor, "69"]) -> list[tuple[Tensor, Tensor]]:
-        """Weights and biases of the hidden layers, the pose's share in the biases."""
+    def code_biases(self) -> Float[Tensor, "codes"]:
+        """What `point_input` leaves out of its last numbers: the bias of each view's code."""
+        if self.pixel_code is None:
+            return self.offset.bias[:0]
+        return self.pixel_code.bias.repeat(self.views)
+
+    def _posed_layers(self, alike: Float[Tensor, "numbers"]) -> list[tuple[Tensor, Tensor]]:
+        """Weights and biases of the hidden layers; in the biases what `alike` adds.
+
+        That is the end of the layers' input that all points have in common.
+        """
         layers = []
         for i, layer in enumerate(self.hidden):
             assert isinstance(layer, nn.Linear)
             weight: Tensor = layer.weight
             bias: Tensor = layer.bias
             if i in (0, self.skip):
-                bias = F.linear(numbers, weight[:, -POSE_NUMBERS:], bias)
+                bias = F.linear(alike, weight[:, -alike.shape[0] :], bias)
                 weight = weight[:, :-POSE_NUMBERS]
             layers.append((weight, bias))
         return layers
@@ -141,10 +152,11 @@ class Deformation(nn.Module):
             points: canonical, normalised to [-1, 1].
             opened: open octaves of the encoding.
             codes: pixel features already through `pixel_code.weight`, without its bias: that is
-                what lets the linear layer run on the feature map, before interpolation.
+                what lets the linear layer run on the feature map, before interpolation. The bias is
+                the same for all points, and `from_input` adds it.
         """
         parts = [annealed_fourier_features(points, self.octaves, opened)]
         if self.pixel_code is not None:
             assert codes is not None
-            parts.extend((codes + self.pixel_code.bias).unbind(0))
+            parts.extend(codes.unbind(0))
         return torch.cat(parts, dim=1)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 Layer: TypeAlias = Callable[[Float[Tensor, "rows channels"]], Float[Tensor, "rows read"]]
 """What every row goes through by itself."""
-ROWS_AT_ONCE = 16384
+ROWS_AT_ONCE = 32768
 """Points per pass where no gradient is wanted; keeps the corner arithmetic in the cache."""
 
 

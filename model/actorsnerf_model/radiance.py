@@ -145,9 +145,9 @@ class Radiance(nn.Module):
         return torch.sigmoid(torch.cat(parts).to(features.position.dtype))
 
     def _density(self, features: PointFeatures) -> Float[Tensor, "points"]:
-        hidden = _mean(self._first_layer(self.density_0, features))
+        summed, share = _summed(self._first_layer(self.density_0, features))
         placed, weight = self._placed(self.density_1, features)
-        hidden = F.relu_(torch.addmm(placed, hidden, weight))
+        hidden = F.relu_(torch.addmm(placed, summed, weight, alpha=share))
         hidden = F.relu_(self.density_3(F.relu_(self.density_2(hidden))))
         raw: Tensor = self.density_out(hidden)[:, 0]
         return raw
@@ -155,8 +155,10 @@ class Radiance(nn.Module):
     def _colour(self, features: PointFeatures) -> Float[Tensor, "points 3"]:
         placed, weight = self._placed(self.colour_1, features)
         views = self._first_layer(self.colour_0, features)
-        hidden = _mean(F.relu_(torch.addmm(placed, view, weight)) for view in views)
-        raw: Tensor = self.colour_out(F.relu_(self.colour_3(F.relu_(self.colour_2(hidden)))))
+        summed, share = _summed(F.relu_(torch.addmm(placed, view, weight)) for view in views)
+        layer = self.colour_2
+        hidden = F.relu_(torch.addmm(layer.bias, summed, layer.weight.t(), alpha=share))
+        raw: Tensor = self.colour_out(F.relu_(self.colour_3(hidden)))
         return raw
 
     def _placed(
@@ -210,6 +212,9 @@ def positive_density(
     return positive * config.density_scale
 
 
-def _mean(views: Iterable[Float[Tensor, "points width"]]) -> Float[Tensor, "points width"]:
+def _summed(
+    views: Iterable[Float[Tensor, "points width"]],
+) -> tuple[Float[Tensor, "points width"], float]:
+    """The views' sum, and what makes it their mean: the next layer's product takes it along."""
     each = list(views)
-    return functools.reduce(torch.add, each) / len(each)
+    return functools.reduce(torch.add, each), 1 / len(each)

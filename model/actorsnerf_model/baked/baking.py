@@ -184,6 +184,8 @@ def _split_layers(
 ) -> tuple[tuple[Layer, ...], Float[Tensor, "2 nodes width"]]:
     """The network's layers split by what they read, and the nodes' own share of two of them."""
     layers, given = [], []
+    codes = network.code_biases().detach().float()
+    inputs = inputs.float() + F.pad(codes, (inputs.shape[1] - codes.shape[0], 0))
     for number, module in enumerate([*network.hidden, network.offset]):
         assert isinstance(module, torch.nn.Linear)
         weight, bias = module.weight.detach().float(), module.bias.detach().float()
@@ -191,7 +193,7 @@ def _split_layers(
         if number in (0, network.skip):
             weight, pose = weight[:, :-POSE_NUMBERS], weight[:, -POSE_NUMBERS:]
             before = weight.shape[1] - inputs.shape[1]
-            given.append((inputs.float() @ weight[:, before:].T).half().float())
+            given.append((inputs @ weight[:, before:].T).half().float())
             weight = weight[:, :before]
         layers.append(Layer(weight.contiguous(), pose.contiguous(), bias))
     last = layers[-1]

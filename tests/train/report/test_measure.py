@@ -1,3 +1,5 @@
+import time
+
 import pytest
 import torch
 from torch import nn
@@ -59,6 +61,20 @@ def test_only_the_rays_time_is_scaled_to_the_frame(
     monkeypatch.setattr(measure, "now", lambda device: next(clock))
     seconds = measure._seconds(contestants[0], frames[0], Effort(1, 0.25, 0))
     assert seconds == pytest.approx(1 + 4 * 2, rel=0.02)
+
+
+def test_a_brief_contestant_draws_until_time_has_passed_and_its_median_counts(
+    contestants: list[Contestant], frames: tuple[Frame, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cold turn of 5 s, then two of 1 s and 2 s; who takes longer than that draws once."""
+    took = iter([5.0, 1.0, 2.0])
+    clock = iter([0.0, 0.7, 1.5, 2.1])
+    monkeypatch.setattr(measure, "BRIEF", 2.0)
+    monkeypatch.setattr(measure, "_seconds", lambda *given: next(took))
+    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
+    assert measure._round(contestants[0], frames[:1], Effort(1, 1.0, 0)) == 2.0
+    took, clock = iter([4.0]), iter([0.0, 4.0])
+    assert measure._round(contestants[0], frames[:1], Effort(1, 1.0, 0)) == 4.0
 
 
 def test_shares_lie_in_the_box_and_follow_the_seed(frames: tuple[Frame, ...]) -> None:

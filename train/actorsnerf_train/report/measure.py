@@ -2,6 +2,7 @@
 
 In every round each contestant draws every frame, one after the other, so that a slow phase of the
 machine hits all of them; a round's time is the mean over its frames, and ratios are of medians.
+Who is done at once draws again for a while: the one before has left cold caches behind.
 """
 
 import statistics
@@ -33,6 +34,8 @@ CHUNKS = (2048, 4096, 16384, 65536)
 GEMM = 4096, 512, 512
 """Rows, inputs and outputs of the product that measures what the machine can do."""
 GEMM_REPEATS = 4
+BRIEF = 2.0
+"""Seconds for which a contestant draws in a round at least; of several turns the median counts."""
 
 
 @dataclass(frozen=True)
@@ -194,8 +197,7 @@ def measure(
             rates[precision].append(gemm_rate(precision, frames[0].pose.device))
         for i in range(len(contestants)):
             who = (i + turn) % len(contestants)
-            took = [_seconds(contestants[who], frame, effort) for frame in frames]
-            times[who].append(sum(took) / len(took))
+            times[who].append(_round(contestants[who], frames, effort))
     return tuple(
         Measured(
             one,
@@ -259,6 +261,16 @@ def now(device: torch.device) -> float:
     if device.type == "cuda":
         torch.cuda.synchronize(device)
     return time.perf_counter()
+
+
+def _round(contestant: Contestant, frames: Sequence[Frame], effort: Effort) -> float:
+    """Seconds of a frame in one round, mean over the frames."""
+    began = time.perf_counter()
+    turns: list[float] = []
+    while not turns or time.perf_counter() - began < BRIEF:
+        took = [_seconds(contestant, frame, effort) for frame in frames]
+        turns.append(sum(took) / len(took))
+    return statistics.median(turns)
 
 
 def _seconds(contestant: Contestant, frame: Frame, effort: Effort) -> float:
