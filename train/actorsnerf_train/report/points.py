@@ -97,11 +97,11 @@ POINTS: tuple[OperatingPoint, ...] = (
     OperatingPoint("bfloat16", "products of the networks in bfloat16", precision="bfloat16"),
     OperatingPoint(
         "fast",
-        "skips empty cells, stops at 1 %, pixels by need to 2 %, bfloat16",
+        "skips empty cells, stops at 1 %, pixels by need to 1 %, bfloat16",
         stop=1e-2,
         least_weight=1e-3,
         precision="bfloat16",
-        pixel_tolerance=0.02,
+        pixel_tolerance=0.01,
         skip_empty=True,
     ),
     OperatingPoint(
