@@ -21,6 +21,8 @@ _BONE = (255, 128, 0)
 _TEXT = (255, 255, 255)
 LABEL_HEIGHT = 14
 """Pixels of the strip above each tile."""
+LABEL_SCALE = 0.7
+"""Of OpenCV's plain font: capitals of 7 pixels."""
 
 
 def write_contact_sheet(
@@ -56,14 +58,33 @@ def contact_sheet(sequence: SequenceFile, frames: int, cameras: int) -> UInt8:
     Raises:
         UserError: OpenCV is not installed.
     """
-    _opencv()
-    header = sequence.header
     usable = np.flatnonzero(sequence.valid.any(axis=0))
     rows = _spread(usable.tolist() or [0], frames)
-    columns = _spread(list(range(len(header.cameras))), cameras)
+    columns = _spread(list(range(len(sequence.header.cameras))), cameras)
+    times = _enlarged(sequence, [(camera, frame) for camera in columns for frame in rows])
     return np.concatenate(
-        [np.concatenate([_tile(sequence, c, f) for c in columns], axis=1) for f in rows]
+        [
+            np.concatenate([_tile(sequence, (camera, frame), times) for camera in columns], axis=1)
+            for frame in rows
+        ]
     )
+
+
+def _enlarged(sequence: SequenceFile, places: list[tuple[int, int]]) -> int:
+    """How many times as large the pictures are drawn, so that the labels above them fit."""
+    cv2 = _opencv()
+    width = sequence.crop_size[0]
+    times = 1
+    for place in places:
+        label = _label(sequence, place)
+        needed = cv2.getTextSize(label, cv2.FONT_HERSHEY_PLAIN, LABEL_SCALE, 1)[0][0] + 4
+        times = max(times, -(-int(needed) // width))
+    return times
+
+
+def _label(sequence: SequenceFile, place: tuple[int, int]) -> str:
+    camera, frame = place
+    return f"{sequence.header.cameras[camera].name} {sequence.header.frames[frame]}"
 
 
 def _spread(items: list[int], count: int) -> list[int]:
@@ -72,15 +93,16 @@ def _spread(items: list[int], count: int) -> list[int]:
     return [items[round(index * (len(items) - 1) / max(count - 1, 1))] for index in range(count)]
 
 
-def _tile(sequence: SequenceFile, camera: int, frame: int) -> UInt8:
+def _tile(sequence: SequenceFile, place: tuple[int, int], times: int) -> UInt8:
     cv2 = _opencv()
-    header = sequence.header
-    width, height = sequence.crop_size
+    camera, frame = place
+    label = _label(sequence, place)
+    width, height = (side * times for side in sequence.crop_size)
     tile = np.full((LABEL_HEIGHT + height, width, 3), 32, np.uint8)
-    label = f"{header.cameras[camera].name} {header.frames[frame]}"
-    cv2.putText(tile, label, (2, LABEL_HEIGHT - 4), cv2.FONT_HERSHEY_PLAIN, 0.7, _TEXT)
+    cv2.putText(tile, label, (2, LABEL_HEIGHT - 4), cv2.FONT_HERSHEY_PLAIN, LABEL_SCALE, _TEXT)
     if sequence.row[camera, frame] >= 0:
-        tile[LABEL_HEIGHT:] = _drawn(sequence, camera, frame)
+        picture = _drawn(sequence, camera, frame)
+        tile[LABEL_HEIGHT:] = picture.repeat(times, axis=0).repeat(times, axis=1)
     return tile
 
 

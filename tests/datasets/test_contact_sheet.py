@@ -17,14 +17,22 @@ def sequence(sequence_path: Path) -> SequenceFile:
     return SequenceFile(sequence_path)
 
 
-def test_one_tile_per_frame_and_camera(sequence: SequenceFile) -> None:
-    assert contact_sheet(sequence, 4, 9).shape == (4 * (64 + LABEL_HEIGHT), 3 * 48, 3)
-    assert contact_sheet(sequence, 99, 2).shape == (12 * (64 + LABEL_HEIGHT), 2 * 48, 3)
-    assert contact_sheet(sequence, 1, 1).shape == (64 + LABEL_HEIGHT, 48, 3)
+def test_one_tile_per_frame_and_camera_wide_enough_for_its_label(sequence: SequenceFile) -> None:
+    """The widest label takes 67 pixels, so pictures of 48 are drawn twice as large."""
+    assert contact_sheet(sequence, 4, 9).shape == (4 * (128 + LABEL_HEIGHT), 3 * 96, 3)
+    assert contact_sheet(sequence, 99, 2).shape == (12 * (128 + LABEL_HEIGHT), 2 * 96, 3)
+    assert contact_sheet(sequence, 1, 1).shape == (128 + LABEL_HEIGHT, 96, 3)
+
+
+def test_wide_pictures_keep_their_size(
+    sequence: SequenceFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("actorsnerf_datasets.contact_sheet.LABEL_SCALE", 0.4)
+    assert contact_sheet(sequence, 1, 2).shape == (64 + LABEL_HEIGHT, 2 * 48, 3)
 
 
 def test_bones_are_drawn_where_the_joints_project(sequence: SequenceFile) -> None:
-    sheet = contact_sheet(sequence, 1, 1)[LABEL_HEIGHT:]
+    sheet = contact_sheet(sequence, 1, 1)[LABEL_HEIGHT::2, ::2]
     joints = sequence.header.fits.posed_joints[0]
     pixels = project(joints, sequence.crop_K(0, 0), sequence.camera_from_body(0, 0)).pixels
     x, y = np.rint((pixels[1] + pixels[4]) / 2).astype(int)  # the left thigh
