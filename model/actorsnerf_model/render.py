@@ -54,7 +54,7 @@ LOOKED_AT_ONCE = 8192
 """Points through the field at once where no gradient is wanted, on a CPU: what is read for them
 stays in its cache. A gradient wants few large pieces, because each makes one of whole tables."""
 STRIDE = 4
-"""Candidates of a ray that are looked at before its light is measured again, on a CPU."""
+"""Survivors of a ray that go through the networks before its light is measured again."""
 
 INSIDE = 0.5
 """Opacity from which a pixel shows the person: only between such pixels is one interpolated."""
@@ -185,9 +185,10 @@ def _survivors(scene: _Scene[ActorState], samples: _Samples) -> _Survivors:
     candidates = _candidates(samples, occupancy)
     if scene.options.least_learned > 0 and torch.is_grad_enabled():
         return _learned(scene, samples, candidates)
+    located = _located(scene, samples, candidates)
     if scene.options.stop_transmittance > 0:
-        return _until_opaque(scene, samples, candidates)
-    return _through_field(scene, samples, _located(scene, samples, candidates))
+        return _until_opaque(scene, samples, located)
+    return _through_field(scene, samples, located)
 
 
 def _learned(
@@ -201,7 +202,9 @@ def _learned(
     least = scene.options.least_learned
     look = replace(scene.options, least_weight=1.0, stop_transmittance=least)
     with torch.no_grad():
-        found = _until_opaque(replace(scene, options=look), samples, candidates)
+        found = _until_opaque(
+            replace(scene, options=look), samples, _located(scene, samples, candidates)
+        )
         place, order = found.place.sort()
         share = shares_so_far(found.thickness[order], place // samples.depths.shape[1])
     return _through_field(scene, samples, _located(scene, samples, place[~(share <= least)]))
@@ -309,31 +312,25 @@ def _painted(
     return _Survivors(located.index, *kept)
 
 
-def _until_opaque(
-    scene: _Scene[ActorState], samples: _Samples, candidates: Int[Tensor, "candidates"]
-) -> _Survivors:
-    """The same front to back, a few candidates of every ray at a time, until its light is spent.
+def _until_opaque(scene: _Scene[ActorState], samples: _Samples, located: Located) -> _Survivors:
+    """The same front to back, a few survivors of every ray at a time, until its light is spent.
 
-    What is left out has at most `stop_transmittance` of the light, and so of the colour; it is not
-    even located.
+    What is left out has at most `stop_transmittance` of the light, and so of the colour.
     """
     rays, count = samples.depths.shape
-    ray = candidates // count
+    ray = located.index // count
     per_ray = ray.new_zeros(rays).index_add_(0, ray, torch.ones_like(ray))
     rank = torch.arange(ray.shape[0], device=ray.device) - (per_ray.cumsum(0) - per_ray)[ray]
     enough = -math.log(scene.options.stop_transmittance)
     absorbed = samples.depths.new_zeros(rays)
-    seen: list[_Survivors] = []
-    stride = at_once(STRIDE, ray.device)
-    for last in range(stride, count + stride, stride):
-        now = rank < last
-        found = _through_field(scene, samples, _located(scene, samples, candidates[now]))
-        absorbed = absorbed.index_add(0, found.place // count, found.thickness.detach())
-        seen.append(found)
-        due = (~(now | (absorbed[ray] >= enough))).nonzero()[:, 0]
-        candidates, ray, rank = candidates[due], ray[due], rank[due]
-        if due.shape[0] == 0:
+    seen = []
+    for first in range(0, count, STRIDE):
+        due = (rank >= first) & (rank < first + STRIDE) & ~(absorbed[ray] >= enough)
+        now = due.nonzero()[:, 0]
+        if now.shape[0] == 0 and first > 0:
             break
+        seen.append(_through_field(scene, samples, _chosen(located, now)))
+        absorbed = absorbed.index_add(0, ray[now], seen[-1].thickness.detach())
     return _Survivors(
         torch.cat([part.place for part in seen]),
         torch.cat([part.rgb for part in seen]),

@@ -225,8 +225,6 @@ class ToyMethod(nn.Module):
         """Points that went through `field`."""
         self.painted = 0
         """Points whose colour was asked for."""
-        self.located = 0
-        """Points that were to be carried to canonical space."""
 
     def actor_state(self, supports: tuple[View, ...], window: float) -> ToyActor:
         box = canonical_box(self.canonical_joints)
@@ -244,7 +242,6 @@ class ToyMethod(nn.Module):
         return PoseState(pose, there, back, box, occupancy)
 
     def locate(self, actor: ToyActor, pose: PoseState, points: Tensor, threshold: float) -> Located:
-        self.located += points.shape[0]
         return locate(points, actor.volume, actor.bounds, pose.canonical_from_body, threshold)
 
     def field(self, actor: ToyActor, pose: PoseState, located: Located) -> DensityFirst:

@@ -139,18 +139,6 @@ def test_stopping_early_costs_at_most_the_light_left(
     assert stopped.counts.survivors < exact.counts.survivors
 
 
-@pytest.mark.parametrize("occupancy", [True, False])
-def test_what_lies_behind_spent_light_is_not_even_located(
-    scene: "ToyScene", occupancy: bool
-) -> None:
-    options = dataclasses.replace(OPTIONS, samples=200, occupancy=occupancy)
-    scene.method.density.data.mul_(100)
-    fast(scene, all_rays(scene), options)
-    everything = scene.method.located
-    fast(scene, all_rays(scene), dataclasses.replace(options, stop_transmittance=1e-3))
-    assert scene.method.located - everything < 0.8 * everything
-
-
 @pytest.mark.parametrize("soft_mask", [True, False])
 @pytest.mark.parametrize("least", [1e-5, 1e-3, 0.02])
 def test_colours_of_what_hardly_shows_are_not_asked_for(

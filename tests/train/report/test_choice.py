@@ -41,3 +41,10 @@ def test_the_fastest_harmless_point_is_recommended() -> None:
     assert recommended([REFERENCE, EXACT, far]) == "exact"
     unknown = standing("half", 1.0, 45.0, 0.1, None)
     assert recommended([REFERENCE, EXACT, unknown]) == "exact"
+
+
+def test_where_rounding_leaves_no_exact_point_the_nearest_stands_for_them() -> None:
+    rounded = standing("exact", 2.0, 74.0, 0.005, Scores(25.0, 0.9, 70.0))
+    assert recommended([REFERENCE, rounded, HALF, COARSE]) == "half"
+    assert recommended([REFERENCE, rounded, COARSE]) == "exact"
+    assert recommended([REFERENCE, standing("exact", 2.0, 90.0, 0.003)]) == "exact"
