@@ -44,7 +44,7 @@ of no actor after 1,250 steps (measured on synthetic actors)."""
 LEAST_LEARNED = 1e-8
 """Share of a pixel below which a training leaves a sample out: nearly half the time of an opaque
 actor's step (a tenth more of a hazy one's), and every gradient within 1e-5 of the whole one
-(relative L2 in float64, benchmarks/results/gradients.md; 1e-7 gives 6e-5 and is 7 % faster)."""
+(relative L2 in float64, benchmarks/README.md; 1e-7 gives 6e-5 and is some 7 % faster)."""
 
 
 BASELINE_RATE_SCALE = 2.0
