@@ -6,9 +6,10 @@ Geometry never learns. The category prior is made of the parts that few-shot fit
 is made once there and each step elsewhere. The instance state is made anew whenever weights change.
 """
 
+import copy
 from abc import ABC, abstractmethod
 from contextlib import AbstractContextManager
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import torch
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from actorsnerf_model.states import Field, Located, PoseState
 Geometry = TypeVar("Geometry")
 Prior = TypeVar("Prior")
 State = TypeVar("State")
+Same = TypeVar("Same", bound="LearnedMethod[Any, Any, Any]")
 
 
 class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
@@ -44,6 +46,12 @@ class LearnedMethod(nn.Module, ABC, Generic[Geometry, Prior, State]):
             dtype=self.network_dtype if self.network_dtype != torch.float32 else None,
             enabled=self.network_dtype != torch.float32,
         )
+
+    def in_precision(self: Same, network_dtype: torch.dtype) -> Same:
+        """The same method, weights shared, with another precision of products inside networks."""
+        same = copy.copy(self)
+        same.network_dtype = network_dtype
+        return same
 
     @abstractmethod
     def parts(self) -> dict[str, nn.Module]:

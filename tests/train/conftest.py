@@ -1,5 +1,7 @@
 """Three small invented people in prepared files, and short trainings on them."""
 
+import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +25,7 @@ from actorsnerf_datasets.types import (
     SequenceHeader,
 )
 from actorsnerf_datasets.writer import StoredPicture, encode_picture, write_sequence
-from actorsnerf_train.checkpoint import DataFile, Origin
+from actorsnerf_train.checkpoint import DataFile, Origin, load_checkpoint
 from actorsnerf_train.config import Every, Patches, TrainConfig, fewshot, pretraining
 from actorsnerf_train.fewshot import FewshotOptions, run_fewshot
 from actorsnerf_train.loop import Training
@@ -242,6 +244,18 @@ def fewshot_run(
     run_fewshot(
         FewshotOptions(people.eve, run, category_run, "fewshot-5", change=quick, use=resources)
     )
+    return run
+
+
+@pytest.fixture(scope="session")
+def bfloat16_run(fewshot_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same weights in a folder whose checkpoints say that they were trained in bfloat16."""
+    run = tmp_path_factory.mktemp("runs") / "bfloat16"
+    shutil.copytree(fewshot_run, run)
+    record = load_checkpoint(run).path.with_suffix(".json")
+    told = json.loads(record.read_text())
+    told["configuration"]["precision"] = "bfloat16"
+    record.write_text(json.dumps(told))
     return run
 
 

@@ -4,6 +4,7 @@ from typing import Protocol
 
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_model.baked.actor import BakedState
@@ -52,6 +53,17 @@ def test_the_file_knows_whom_it_shows_and_where_it_comes_from(
     assert not isinstance(
         load_actor(trained.path.with_suffix(".safetensors"), CPU).state, BakedState
     )
+
+
+def test_it_is_baked_in_float32_however_it_was_trained(
+    baked_file: Path, bfloat16_run: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "eve.safetensors"
+    run_bake(BakeCommand(bfloat16_run, path, voxel=0.06, offset_spacing=0.1))
+    exact, rough = load_file(baked_file), load_file(path)
+    assert exact.keys() == rough.keys()
+    for name, one in exact.items():
+        assert torch.equal(one, rough[name]), name
 
 
 def test_render_needs_nothing_but_the_file(baked_file: Path, tmp_path: Path) -> None:

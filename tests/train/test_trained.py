@@ -4,6 +4,7 @@ from typing import Protocol
 import pytest
 import torch
 
+from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.states import RenderOptions
 from actorsnerf_train.checkpoint import CheckpointError, load_checkpoint
 from actorsnerf_train.trained import load_trained, with_samples
@@ -36,6 +37,18 @@ def test_loading_twice_gives_the_same_actor(fewshot_run: Path) -> None:
     assert first.maps is not None and second.maps is not None
     assert torch.equal(first.maps.table, second.maps.table)
     assert not first.maps.table.requires_grad
+
+
+def test_a_state_is_float32_however_its_method_was_trained(
+    fewshot_run: Path, bfloat16_run: Path
+) -> None:
+    exact, rough = load_trained(fewshot_run, CPU), load_trained(bfloat16_run, CPU)
+    assert isinstance(exact.method, LearnedMethod) and isinstance(rough.method, LearnedMethod)
+    assert exact.method.network_dtype == torch.float32
+    assert rough.method.network_dtype == torch.bfloat16
+    assert torch.equal(exact.state.maps.table, rough.state.maps.table)
+    for one, other in zip(exact.state.levels, rough.state.levels, strict=True):
+        assert torch.equal(one.features, other.features)
 
 
 def test_a_category_checkpoint_knows_no_actor(category_run: Path) -> None:

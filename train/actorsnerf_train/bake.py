@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.shell import quoted
 from actorsnerf_model.actorsnerf import ActorsNeRF
@@ -79,7 +81,8 @@ def bake_to(trained: TrainedActor[Any], options: BakeCommand) -> Baking:
             "bake a checkpoint of actorsnerf."
         )
     how = BakeOptions(options.voxel, options.offset_spacing, trained.config.render.threshold)
-    data, report = bake(method, trained.state, trained.supports, how)
+    exact = method.in_precision(torch.float32)
+    data, report = bake(exact, trained.state, trained.supports, how)
     baking = Baking(trained.actor, trained.support_count, str(trained.path), how, report)
     record = {
         "checkpoint": json.dumps(to_json(trained.info)),

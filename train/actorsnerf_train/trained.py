@@ -146,6 +146,9 @@ def draw(
 def load_trained(source: Path, device: torch.device) -> TrainedActor[Any]:
     """The actor of a few-shot run folder or checkpoint, in evaluation mode.
 
+    Its state is made once and costs no picture any time, so it is made in float32 however the
+    method was trained: feature maps in bfloat16 would move single pixels by 3 levels of 255.
+
     Raises:
         CheckpointError: there is none, it is damaged, or it is not of a few-shot training.
     """
@@ -162,7 +165,8 @@ def load_trained(source: Path, device: torch.device) -> TrainedActor[Any]:
     method.eval()
     supports = supports_from_tensors(checkpoint.part("actor"), device)
     with torch.no_grad():
-        state = method.actor_state(supports, window_at(config, info.step))
+        exact = method.in_precision(torch.float32)
+        state = exact.actor_state(supports, window_at(config, info.step))
     return TrainedActor(method, state, supports, config, info, checkpoint.path)
 
 

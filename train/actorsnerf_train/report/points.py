@@ -4,7 +4,6 @@
 others say what they change. The report measures all of them on your actor and machine.
 """
 
-import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -171,8 +170,8 @@ def at_point(
         filled: of `where_filled`; made here if left out.
     """
     options = options_at(point, trained.config.render)
-    method: Any = copy.copy(trained.method)
-    method.network_dtype = DTYPES[point.precision]
+    assert isinstance(trained.method, LearnedMethod)
+    method: Any = trained.method.in_precision(DTYPES[point.precision])
     cells = max(method.config.occupancy_threshold, options.threshold)
     method.config = replace(method.config, occupancy_threshold=cells)
     tuned = replace(trained, method=method, config=replace(trained.config, render=options))
