@@ -66,7 +66,8 @@ class CategoryPrior:
 class UnreadMap:
     """A feature map and the linear layer that it still goes through, at the nodes that are read.
 
-    A training step reads few of a map's nodes: a gradient of the whole map would be mostly zeros.
+    A training step reads few of a map's nodes, about one in a hundred; the others would be computed
+    for nothing, and their gradients would be zeros.
     """
 
     trunk: FeatureMap
@@ -78,10 +79,9 @@ class ActorsNeRFState:
     """All that rendering needs of an actor, whatever the pose and the camera."""
 
     body: ActorBody
-    maps: FeatureMap | None
-    """The trunk's map through the linear layers that would follow its interpolation."""
-    unread: UnreadMap | None
-    """The same, the layers still to be computed, where a gradient is wanted; None where none is."""
+    maps: FeatureMap | UnreadMap | None
+    """The trunk's map through the linear layers that would follow its interpolation; with the
+    layers still to be computed where a gradient is wanted, and None where nothing reads pixels."""
     levels: tuple[FeatureLevel, ...]
     """The diffused SMPL features; empty where the method has none."""
     window: float

@@ -180,18 +180,20 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
     def instance_state(self, prior: CategoryPrior, window: float) -> ActorsNeRFState:
         """The whole state from a category prior; what learns in few-shot runs here."""
         box = prior.body.geometry.box
-        maps = unread = None
-        if prior.trunk is not None:
-            weight = self._map_weight(window)
-            table = self._reduced(prior.trunk.table, weight, box.dtype)
-            maps = FeatureMap(table, prior.trunk.first)
-            unread = UnreadMap(prior.trunk, weight) if table.requires_grad else None
+        maps = None if prior.trunk is None else self._maps(prior.trunk, window, box.dtype)
         plan = prior.body.geometry.plan
         levels = ()
         if self.sparse is not None and prior.vertices is not None and plan is not None:
             dtype = box.dtype if self.network_dtype == torch.float32 else self.network_dtype
             levels = self.sparse(prior.vertices, plan, dtype)
-        return ActorsNeRFState(prior.body, maps, unread, levels, window)
+        return ActorsNeRFState(prior.body, maps, levels, window)
+
+    def _maps(self, trunk: FeatureMap, window: float, dtype: torch.dtype) -> FeatureMap | UnreadMap:
+        weight = self._map_weight(window)
+        learns = trunk.table.requires_grad or weight.requires_grad
+        if learns and torch.is_grad_enabled():
+            return UnreadMap(trunk, weight)
+        return FeatureMap(self._reduced(trunk.table, weight, dtype), trunk.first)
 
     def _reduced(
         self,
@@ -330,13 +332,15 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             return self.deformation.point_input(normal, actor.window, codes)
 
     def _read(
-        self, maps: FeatureMap, actor: ActorsNeRFState, posed: Float[Tensor, "views points 3"]
+        self, actor: ActorsNeRFState, posed: Float[Tensor, "views points 3"]
     ) -> Float[Tensor, "views points code"]:
-        if actor.unread is None or not torch.is_grad_enabled():
-            return read_features(maps, actor.body.cameras, posed)
-        trunk, weight = actor.unread.trunk, actor.unread.weight
+        maps, cameras = actor.maps, actor.body.cameras
+        assert maps is not None
+        if isinstance(maps, FeatureMap):
+            return read_features(maps, cameras, posed)
+        weight = maps.weight
         return read_features(
-            trunk, actor.body.cameras, posed, lambda rows: self._reduced(rows, weight, posed.dtype)
+            maps.trunk, cameras, posed, lambda rows: self._reduced(rows, weight, posed.dtype)
         )
 
     def _pixel_features(
@@ -348,7 +352,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         with torch.autocast(points.device.type, enabled=False):
             # A point that no bone holds stays where it is; only a threshold of 0 locates any.
             posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
-            read = self._read(actor.maps, actor, posed)
+            read = self._read(actor, posed)
         code = self.config.radiance.code
         if read.shape[-1] == code:
             return read, None

@@ -9,8 +9,9 @@ from torch import Tensor, nn
 from actorsnerf_datasets.errors import UserError
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_file import support_tensors, supports_from_tensors
-from actorsnerf_model.actor_states import ActorsNeRFState, CategoryPrior
+from actorsnerf_model.actor_states import ActorsNeRFState, CategoryPrior, UnreadMap
 from actorsnerf_model.actorsnerf import ActorsNeRF, ActorsNeRFConfig
+from actorsnerf_model.encoder import FeatureMap
 from actorsnerf_model.presets import TINY
 from actorsnerf_model.states import DensityFirst, Located, Method, PoseState
 
@@ -81,7 +82,8 @@ def test_a_part_that_is_off_does_not_exist(config: ActorsNeRFConfig, support_vie
         assert (method.deformation.pixel_code is None) == (not config.pixel_features)
     if actor.maps is not None:
         code = config.deformation_net.code if config.deformation else 0
-        assert actor.maps.table.shape[-1] == config.radiance.code + code
+        assert isinstance(actor.maps, UnreadMap)
+        assert actor.maps.weight.shape[0] == config.radiance.code + code
 
 
 def test_without_deformation_nothing_moves(support_views: Views) -> None:
@@ -96,8 +98,8 @@ def test_without_deformation_nothing_moves(support_views: Views) -> None:
         other = without.field(closed.actor, closed.pose, closed.located)
     assert torch.equal(values.rgb.detach(), other.rgb)
     assert torch.equal(values.density.detach(), other.density)
-    assert closed.actor.maps is not None
-    assert closed.actor.maps.table.shape[-1] == TINY.radiance.code
+    assert isinstance(closed.actor.maps, UnreadMap)
+    assert closed.actor.maps.weight.shape[0] == TINY.radiance.code
     assert closed.method.deformation is not None
     parts = list(closed.method.deformation.parameters())
     gradients = torch.autograd.grad(values.rgb.sum(), parts, allow_unused=True)
@@ -138,37 +140,49 @@ def test_prior_once_and_state_each_step_is_the_whole_state(support_views: Views)
     method = scene.method.eval()
     with torch.no_grad():
         prior = method.category_prior(views[:3], method.geometry(views[3]))
-    step = method.instance_state(prior, OPEN)
-    whole = method.actor_state(views[:3], OPEN)
-    assert step.maps is not None and whole.maps is not None
-    assert torch.equal(step.maps.table, whole.maps.table)
-    for a, b in zip(step.levels, whole.levels, strict=True):
+        once = method.instance_state(prior, OPEN)
+        whole = method.actor_state(views[:3], OPEN)
+    assert isinstance(once.maps, FeatureMap) and isinstance(whole.maps, FeatureMap)
+    assert torch.equal(once.maps.table, whole.maps.table)
+    for a, b in zip(once.levels, whole.levels, strict=True):
         assert torch.equal(a.features, b.features)
-    assert step.maps.table.requires_grad
+    step = method.instance_state(prior, OPEN)
+    assert isinstance(step.maps, UnreadMap) and step.maps.weight.requires_grad
     assert not step.body.skinning.weights.requires_grad
 
 
-def test_where_a_gradient_is_wanted_the_whole_map_is_not_read(support_views: Views) -> None:
+def test_where_a_gradient_is_wanted_only_nodes_that_are_read_are_computed(
+    support_views: Views, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = stage(TINY, support_views(4))
     method, actor = scene.method, scene.actor
-    assert actor.maps is not None and actor.unread is not None
+    with torch.no_grad():
+        whole = method.instance_state(scene.prior, OPEN)
+        expected = method.field(whole, scene.pose, scene.located)
+    assert isinstance(actor.maps, UnreadMap) and isinstance(whole.maps, FeatureMap)
+    layer, rows = method._reduced, []
+
+    def counted(given: Tensor, weight: Tensor, dtype: torch.dtype) -> Tensor:
+        rows.append(given.shape[0])
+        return layer(given, weight, dtype)
+
+    monkeypatch.setattr(method, "_reduced", counted)
     learned = method.field(actor, scene.pose, scene.located)
-    gone = replace(actor.maps, table=torch.full_like(actor.maps.table, torch.nan))
-    blind = replace(actor, maps=gone)
-    assert torch.equal(method.field(blind, scene.pose, scene.located).density, learned.density)
     with torch.no_grad():
         looked = method.field(actor, scene.pose, scene.located)
-        assert method.field(blind, scene.pose, scene.located).density.isnan().any()
-        assert method.actor_state(support_views(3), OPEN).unread is None
-    torch.testing.assert_close(looked.density, learned.density, rtol=1e-4, atol=1e-4)
-    torch.testing.assert_close(looked.rgb, learned.rgb, rtol=1e-4, atol=1e-5)
+    assert len(rows) == 2
+    assert 0 < max(rows) < whole.maps.table[..., 0].numel()
+    for values in (learned, looked):
+        torch.testing.assert_close(values.density, expected.density, rtol=1e-4, atol=1e-4)
+        torch.testing.assert_close(values.rgb, expected.rgb, rtol=1e-4, atol=1e-5)
 
 
 def test_views_of_different_sizes(support_views: Views) -> None:
     views = support_views(3)
     cut = replace(views[1], image=views[1].image[:50, :40], alpha=views[1].alpha[:50, :40])
-    actor = ActorsNeRF(TINY).actor_state((views[0], cut, views[2]), OPEN)
-    assert actor.maps is not None
+    with torch.no_grad():
+        actor = ActorsNeRF(TINY).actor_state((views[0], cut, views[2]), OPEN)
+    assert isinstance(actor.maps, FeatureMap)
     assert actor.maps.table.shape[:3] == (3, 32, 24)
     assert bool(actor.maps.table.isfinite().all())
 
@@ -179,7 +193,7 @@ def test_stored_views_give_the_same_state(support_views: Views) -> None:
     stored = supports_from_tensors(support_tensors(views), torch.device("cpu"))
     with torch.no_grad():
         first, again = method.actor_state(views, OPEN), method.actor_state(stored, OPEN)
-    assert first.maps is not None and again.maps is not None
+    assert isinstance(first.maps, FeatureMap) and isinstance(again.maps, FeatureMap)
     assert torch.equal(first.maps.table, again.maps.table)
     assert torch.equal(first.body.skinning.weights, again.body.skinning.weights)
 

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
 from actorsnerf_model.actor_states import support_cameras
+from actorsnerf_model.encoder import FeatureMap
 from actorsnerf_model.pixel_features import read_features
 from actorsnerf_model.states import Located
 from actorsnerf_train.stability.case import Answer, Bounds, Case, Subject
@@ -86,7 +87,7 @@ def _blind(name: str, change: Change) -> Case:
     """What no camera sees reads zeros, and the gradient knows no NaN."""
 
     def answer(subject: Subject) -> Answer:
-        assert subject.state.maps is not None
+        assert isinstance(subject.state.maps, FeatureMap)
         views = tuple(change(view) for view in subject.supports)
         cameras = support_cameras(views)
         points = torch.stack([view.posed_vertices for view in views]).requires_grad_()
@@ -94,7 +95,7 @@ def _blind(name: str, change: Change) -> Case:
         return Answer(read.detach(), torch.autograd.grad(read.sum(), (points,)))
 
     def truth(subject: Subject) -> Answer:
-        assert subject.state.maps is not None
+        assert isinstance(subject.state.maps, FeatureMap)
         views, count = subject.supports, len(subject.supports[0].posed_vertices)
         channels = subject.state.maps.table.shape[-1]
         return Answer(subject.like.new_zeros(len(views), count, channels))
