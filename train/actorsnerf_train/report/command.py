@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import torch
@@ -109,18 +110,19 @@ def run_report(options: ReportOptions) -> tuple[str, ...]:
     baked = [load_baked(path, device) for path in options.baked]
     refuse_strangers([subject.trained for subject in subjects], baked)
     reports: list[ActorReport] = []
-    rates: dict[str, float] = {}
+    rates: dict[str, list[float]] = {}
     for subject in tqdm(subjects, desc="actors", unit="actor", leave=False):
         told, measured = _actor_report(subject, options, lpips)
         reports.append(told)
-        rates |= {one.contestant.precision: one.limit for one in measured}
+        for one in measured:
+            rates.setdefault(one.contestant.precision, []).append(one.limit)
     report = SpeedReport(
         commit=program_commit(),
         machine=this_machine(device),
         seed=options.seed,
         rounds=options.rounds,
         reference_share=options.reference_share,
-        gemm=rates,
+        gemm={precision: median(some) for precision, some in rates.items()},
         lpips_note=None if lpips else f"no LPIPS weights installed; {INSTALL}",
         time=datetime.now(UTC).isoformat(timespec="seconds"),
         seconds=time.perf_counter() - began,

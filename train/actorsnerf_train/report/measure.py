@@ -33,7 +33,7 @@ CHUNKS = (2048, 4096, 16384, 65536)
 """Points through the networks at once, of which the reference takes the fastest."""
 GEMM = 4096, 512, 512
 """Rows, inputs and outputs of the product that measures what the machine can do."""
-GEMM_REPEATS = 4
+GEMM_REPEATS = 8
 BRIEF = 2.0
 """Seconds for which a contestant draws in a round at least; of several turns the median counts."""
 
@@ -93,8 +93,8 @@ class Measured:
     flops: Products
     """What one sample needs in the networks."""
     limit: float
-    """Multiply-adds times two per second that this machine's products reached in the same run, at
-    the contestant's precision."""
+    """Multiply-adds times two per second that this machine's products reached just before the
+    contestant's turns, at its precision; their median."""
 
     @property
     def survivors(self) -> float:
@@ -190,13 +190,11 @@ def measure(
         for one in tqdm(contestants, desc="pictures", unit="point", leave=False)
     ]
     times: list[list[float]] = [[] for _ in contestants]
-    precisions = sorted({one.precision for one in contestants})
-    rates: dict[Precision, list[float]] = {precision: [] for precision in precisions}
+    rates: list[list[float]] = [[] for _ in contestants]
     for turn in tqdm(range(effort.rounds), desc="times", unit="round", leave=False):
-        for precision in precisions:
-            rates[precision].append(gemm_rate(precision, frames[0].pose.device))
         for i in range(len(contestants)):
             who = (i + turn) % len(contestants)
+            rates[who].append(gemm_rate(contestants[who].precision, frames[0].pose.device))
             times[who].append(_round(contestants[who], frames, effort))
     return tuple(
         Measured(
@@ -204,9 +202,9 @@ def measure(
             _scaled_up(own, frames),
             spread(took),
             field_flops(one, frames[0]),
-            statistics.median(rates[one.precision]),
+            statistics.median(rate),
         )
-        for one, own, took in zip(contestants, drawn, times, strict=True)
+        for one, own, took, rate in zip(contestants, drawn, times, rates, strict=True)
     )
 
 
