@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from actorsnerf_datasets.torch_dataset import Sample
+from actorsnerf_model.actor_states import UnreadMap
 from actorsnerf_train.config import MethodName, TrainConfig, alone
 from actorsnerf_train.loop import Training
 from actorsnerf_train.methods import (
@@ -80,8 +81,9 @@ def test_with_the_category_frozen_its_maps_are_made_once(
     state, residual = step_state(method, sample.supports, frozen, 3.0)
     assert state.body is frozen.prior.body
     assert not residual.requires_grad
-    assert state.maps is not None
-    assert state.maps.table.requires_grad
+    assert isinstance(state.maps, UnreadMap)
+    assert state.maps.trunk is frozen.prior.trunk
+    assert not state.maps.trunk.table.requires_grad and state.maps.weight.requires_grad
 
 
 def test_residual_is_the_mean_over_voxels_of_the_channels_absolute_sum(
