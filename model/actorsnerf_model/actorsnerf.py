@@ -35,7 +35,7 @@ from actorsnerf_model.encoder import (
 from actorsnerf_model.kinematics import bone_motions, observation_bounds, posed_frames
 from actorsnerf_model.learned_method import LearnedMethod
 from actorsnerf_model.occupancy import asks_every_sample, occupancy_tables, pose_occupancy
-from actorsnerf_model.pixel_features import read_features
+from actorsnerf_model.pixel_features import SupportCameras, read_features
 from actorsnerf_model.radiance import Radiance, RadianceConfig
 from actorsnerf_model.skinning import forward_warp, skinning_volume
 from actorsnerf_model.skinning_bounds import locate, skinning_bounds
@@ -332,10 +332,11 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
             return self.deformation.point_input(normal, actor.window, codes)
 
     def _read(
-        self, actor: ActorsNeRFState, posed: Float[Tensor, "views points 3"]
+        self,
+        maps: FeatureMap | UnreadMap,
+        cameras: SupportCameras,
+        posed: Float[Tensor, "views points 3"],
     ) -> Float[Tensor, "views points code"]:
-        maps, cameras = actor.maps, actor.body.cameras
-        assert maps is not None
         if isinstance(maps, FeatureMap):
             return read_features(maps, cameras, posed)
         weight = maps.weight
@@ -352,7 +353,7 @@ class ActorsNeRF(LearnedMethod[ActorGeometry, CategoryPrior, ActorsNeRFState]):
         with torch.autocast(points.device.type, enabled=False):
             # A point that no bone holds stays where it is; only a threshold of 0 locates any.
             posed, _ = forward_warp(points, actor.body.skinning, actor.body.body_from_canonical)
-            read = self._read(actor, posed)
+            read = self._read(actor.maps, actor.body.cameras, posed)
         code = self.config.radiance.code
         if read.shape[-1] == code:
             return read, None

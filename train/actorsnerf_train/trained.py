@@ -147,7 +147,7 @@ def load_trained(source: Path, device: torch.device) -> TrainedActor[Any]:
     """The actor of a few-shot run folder or checkpoint, in evaluation mode.
 
     Its state is made once and costs no picture any time, so it is made in float32 however the
-    method was trained: feature maps in bfloat16 would move single pixels by 3 levels of 255.
+    method was trained: one in bfloat16 moved single pixels by 1.3 levels of 255.
 
     Raises:
         CheckpointError: there is none, it is damaged, or it is not of a few-shot training.

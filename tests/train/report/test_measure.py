@@ -77,6 +77,29 @@ def test_a_brief_contestant_draws_until_time_has_passed_and_its_median_counts(
     assert measure._round(contestants[0], frames[:1], Effort(1, 1.0, 0)) == 4.0
 
 
+def test_products_are_timed_just_before_every_turn(
+    contestants: list[Contestant], frames: tuple[Frame, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two points take turns, three rounds, at the machine's pace then; each has its own median."""
+    pace, told = iter([1.0, 20.0, 30.0, 3.0, 2.0, 10.0]), []
+
+    def rate(precision: str, device: torch.device) -> float:
+        told.append("rate")
+        return next(pace)
+
+    def turn(contestant: Contestant, *given: object) -> float:
+        told.append(contestant.name)
+        return 1.0
+
+    monkeypatch.setattr(measure, "gemm_rate", rate)
+    monkeypatch.setattr(measure, "_round", turn)
+    found = measure.measure(contestants[1:3], frames[:1], Effort(3, 1.0, 0))
+    first, second = (one.contestant.name for one in found)
+    order = [first, second, second, first, first, second]
+    assert told == [name for one in order for name in ("rate", one)]
+    assert [one.limit for one in found] == [2.0, 20.0]
+
+
 def test_shares_lie_in_the_box_and_follow_the_seed(frames: tuple[Frame, ...]) -> None:
     pixels = shared_pixels(frames[0], Effort(1, 0.1, 3))
     assert bool(frames[0].box[pixels[:, 1], pixels[:, 0]].all())
