@@ -3,7 +3,7 @@
 Each stage's step on a fitted actor, as the report times it, with and without the perceptual term,
 whose own gradient may turn on rounding. The truth is the reference renderer in float64: every
 sample through every network, in the published order. Our step in float64 shows what the savings
-themselves leave out, both steps in float32 what rounding adds. Samples lie evenly along the rays.
+themselves leave out, both steps in float32 what rounding adds. Samples are the report's.
 Writes `results/gradients.md` and `.json`.
 """
 
@@ -20,7 +20,7 @@ from actorsnerf_train.lpips import LpipsFiles
 from actorsnerf_train.methods import know_actor
 from actorsnerf_train.objective import Objective
 from actorsnerf_train.options import ready_perceptual
-from actorsnerf_train.report.reference_step import reference_step, with_tensors
+from actorsnerf_train.report.reference_step import with_tensors
 from actorsnerf_train.report.training import STAGES, Step, largest_error, make_step
 
 SEED = 0
@@ -47,23 +47,20 @@ def double_step(step: Step) -> Step:
 
 
 def ours(step: Step) -> Gradients:
-    """The trainings' own gradients."""
-    step.objective.zero_grad(set_to_none=True)
-    outcome = step.objective(step.sample, step.known, step.window, None)
-    torch.autograd.backward(outcome.losses.total)
-    return gradients(step)
+    """The trainings' own gradients, in float64."""
+    step.ours()
+    return in_float64(step.gradients())
 
 
 def reference(step: Step) -> Gradients:
-    """The reference's."""
-    step.objective.zero_grad(set_to_none=True)
-    reference_step(step.objective, step.sample, step.known, step.window, None)
-    return gradients(step)
+    """The reference's, in float64."""
+    step.reference()
+    return in_float64(step.gradients())
 
 
-def gradients(step: Step) -> Gradients:
-    """Of the last pass, in float64."""
-    return {name: gradient.double() for name, gradient in step.gradients().items()}
+def in_float64(gradients: Gradients) -> Gradients:
+    """The same numbers."""
+    return {name: gradient.double() for name, gradient in gradients.items()}
 
 
 def row(step: Step, what: str) -> tuple[str | float, ...]:

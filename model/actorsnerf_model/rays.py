@@ -118,15 +118,14 @@ def draw_jitter(
 ) -> Float[Tensor, "rays samples"] | None:
     """The places of all samples in their strata, in [0, 1); None without a generator.
 
-    Drawn for all rays, also those that miss, so that a ray's samples do not depend on the bounds.
+    Drawn for all rays, also those that miss, so that a ray's samples do not depend on the bounds;
+    drawn in float32 whatever the rays are, so that one seed gives the same places in float64.
     """
     if generator is None:
         return None
-    like = rays.directions
-    drawn = torch.rand(
-        (like.shape[0], samples), generator=generator, device=generator.device, dtype=like.dtype
-    )
-    return drawn.to(like.device)
+    size = rays.directions.shape[0], samples
+    drawn = torch.rand(size, generator=generator, device=generator.device, dtype=torch.float32)
+    return drawn.to(rays.directions)
 
 
 def spacings(

@@ -150,6 +150,15 @@ def test_jittered_samples_ascend_inside_their_strata(generator: torch.Generator)
     assert draw_jitter(cast, 16, None) is None
 
 
+def test_a_seed_gives_the_same_samples_in_both_precisions() -> None:
+    cast = rays([0, 0, 0], [0, 0, 1], [0, 1, 1])
+    single = Rays(cast.origin.float(), cast.directions.float())
+    found = [draw_jitter(one, 8, torch.Generator().manual_seed(3)) for one in (cast, single)]
+    assert found[0] is not None and found[1] is not None
+    assert (found[0].dtype, found[1].dtype) == (torch.float64, torch.float32)
+    torch.testing.assert_close(found[0], found[1].double(), rtol=0, atol=0)
+
+
 def test_spacing_is_a_distance_and_the_last_is_regular() -> None:
     cast = rays([0, 0, 0], [0, 3, 1])
     near, far = torch.tensor([1.0]).double(), torch.tensor([2.0]).double()
