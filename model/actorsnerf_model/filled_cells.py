@@ -5,8 +5,9 @@ nodes of a canonical grid, in a few poses; in another pose a sample in a cell al
 were empty then is skipped. What the deformation carries further than to a filled cell's border is
 lost, so this is a saving with a stated error, which the report measures.
 
-Per pose, occupied cells none of whose corners is in a filled cell or beside one are left out, so
-that fewer samples in the air are ever carried to canonical space.
+Per pose, occupied cells none of whose corners is in a filled cell or beside one are left out, and
+then those eighths of the others whose middles are not, so that fewer samples in the air are ever
+carried to canonical space.
 """
 
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.constants import constant
 from actorsnerf_model.pieces import at_once
 from actorsnerf_model.skinning import canonical_box
 from actorsnerf_model.states import ActorState, Field, Located, Method, Occupancy, PoseState
@@ -103,19 +105,44 @@ class SkipEmpty(Generic[ActorState]):
     def _filled_occupancy(
         self, actor: FilledActor[ActorState], pose: PoseState, occupancy: Occupancy
     ) -> Occupancy:
-        """The occupied cells with a corner in a filled cell, or in a neighbour of one."""
-        cells = occupancy.cells
-        asked = F.max_pool3d(F.pad(cells[None].float(), [1] * 6), 2, 1)[0] > 0
-        edge = (occupancy.box[1] - occupancy.box[0]) / torch.tensor(cells.shape).to(occupancy.box)
-        nodes = asked.nonzero()
-        needed = REACH * occupancy.threshold
-        holds = torch.zeros_like(asked)
-        for some in torch.split(nodes, at_once(POINTS_AT_ONCE, nodes.device)):
-            located = self.method.locate(actor.actor, pose, occupancy.box[0] + edge * some, needed)
-            full = may_hold(actor.around, located.canonical)
-            x, y, z = some[located.index[full]].unbind(-1)
-            holds[x, y, z] = True
-        return replace(occupancy, cells=cells & (F.max_pool3d(holds[None].float(), 2, 1)[0] > 0))
+        """The occupied cells near filled ones, halved along each axis.
+
+        Kept are the cells with a corner in a filled cell or in a neighbour of one, and of these the
+        eighths whose middle is: half an eighth's diagonal is less than a filled cell's edge. Where
+        no bone holds the middle, the corner that the eighth has of the cell decides.
+        """
+        nodes = F.max_pool3d(F.pad(occupancy.cells[None].float(), [1] * 6), 2, 1)[0] > 0
+        _, corner = self._near_filled(actor, pose, occupancy, nodes, 0.0)
+        cells = occupancy.cells & (F.max_pool3d(corner[None].float(), 2, 1)[0] > 0)
+        for axis in range(3):
+            cells = cells.repeat_interleave(2, axis)
+            corner = corner.repeat_interleave(2, axis).narrow(axis, 1, cells.shape[axis])
+        halved = replace(occupancy, cells=cells)
+        held, middle = self._near_filled(actor, pose, halved, cells, 0.5)
+        return replace(halved, cells=middle | (cells & corner & ~held))
+
+    def _near_filled(
+        self,
+        actor: FilledActor[ActorState],
+        pose: PoseState,
+        occupancy: Occupancy,
+        asked: Bool[Tensor, "nx ny nz"],
+        shift: float,
+    ) -> tuple[Bool[Tensor, "nx ny nz"], Bool[Tensor, "nx ny nz"]]:
+        """Which of the places that are asked about bones hold, and which lie near filled cells.
+
+        Place (0, 0, 0) is the occupancy's lower corner, moved by `shift` cells along each axis.
+        """
+        edge = (occupancy.box[1] - occupancy.box[0]) / constant(occupancy.cells.shape, pose.bounds)
+        held, near = torch.zeros_like(asked), torch.zeros_like(asked)
+        places = asked.nonzero()
+        for some in torch.split(places, at_once(POINTS_AT_ONCE, places.device)):
+            points = occupancy.box[0] + edge * (some + shift)
+            located = self.method.locate(actor.actor, pose, points, REACH * occupancy.threshold)
+            found = some[located.index]
+            held[found.unbind(-1)] = True
+            near[found[may_hold(actor.around, located.canonical)].unbind(-1)] = True
+        return held, near
 
     def locate(
         self,

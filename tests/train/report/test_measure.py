@@ -63,18 +63,34 @@ def test_only_the_rays_time_is_scaled_to_the_frame(
     assert seconds == pytest.approx(1 + 4 * 2, rel=0.02)
 
 
-def test_a_brief_contestant_draws_until_time_has_passed_and_its_median_counts(
+@pytest.mark.parametrize(
+    ("took", "passed", "median"),
+    [
+        ([0.9, 0.7, 0.1, 0.2], [0.7, 1.4, 1.9, 2.1], 0.45),  # for 2 s
+        ([5.0, 1.0, 2.0], [1.5, 3.0, 9.9], 2.0),  # then three times
+        ([6.0, 4.0], [6.0, 10.0], 5.0),  # but not after 10 s
+        ([11.0], [11.0], 11.0),
+    ],
+)
+def test_what_is_done_soon_is_done_again_and_its_median_counts(
+    took: list[float], passed: list[float], median: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measure, "BRIEF", 2.0)
+    monkeypatch.setattr(measure, "TURNS", 3)
+    clock, told = iter([100.0, *(100 + one for one in passed)]), iter(took)
+    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
+    assert measure.settled(lambda: next(told)) == pytest.approx(median)
+    assert not list(clock) and not list(told)
+
+
+def test_a_round_is_the_mean_over_the_frames(
     contestants: list[Contestant], frames: tuple[Frame, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A cold turn of 5 s, then two of 1 s and 2 s; who takes longer than that draws once."""
-    took = iter([5.0, 1.0, 2.0])
-    clock = iter([0.0, 0.7, 1.5, 2.1])
-    monkeypatch.setattr(measure, "BRIEF", 2.0)
+    took = iter([5.0, 1.0])
     monkeypatch.setattr(measure, "_seconds", lambda *given: next(took))
-    monkeypatch.setattr(time, "perf_counter", lambda: next(clock))
-    assert measure._round(contestants[0], frames[:1], Effort(1, 1.0, 0)) == 2.0
-    took, clock = iter([4.0]), iter([0.0, 4.0])
-    assert measure._round(contestants[0], frames[:1], Effort(1, 1.0, 0)) == 4.0
+    monkeypatch.setattr(measure, "settled", lambda turn: turn())
+    two = (frames[0], frames[0])
+    assert measure._round(contestants[0], two, Effort(1, 1.0, 0)) == 3.0
 
 
 def test_products_are_timed_just_before_every_turn(

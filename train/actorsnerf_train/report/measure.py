@@ -2,12 +2,13 @@
 
 In every round each contestant draws every frame, one after the other, so that a slow phase of the
 machine hits all of them; a round's time is the mean over its frames, and ratios are of medians.
-Who is done at once draws again for a while: the one before has left cold caches behind.
+Who is done at once draws again for a while: the one before has left cold caches and used memory
+behind, which neither a video nor a training meets.
 """
 
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,7 +36,11 @@ GEMM = 4096, 512, 512
 """Rows, inputs and outputs of the product that measures what the machine can do."""
 GEMM_REPEATS = 8
 BRIEF = 2.0
-"""Seconds for which a contestant draws in a round at least; of several turns the median counts."""
+"""Seconds for which a contestant draws in a round at least."""
+TURNS = 3
+"""Times that it draws in a round at least, if they take no longer than `LONG`."""
+LONG = 10.0
+"""Seconds after which nobody begins another turn of the round."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +213,21 @@ def measure(
     )
 
 
+def settled(turn: Callable[[], float]) -> float:
+    """The median of what a round's turns tell; what takes long has one turn.
+
+    Args:
+        turn: does the work and tells the seconds it took.
+    """
+    began = time.perf_counter()
+    told: list[float] = []
+    passed = 0.0
+    while not told or passed < BRIEF or (len(told) < TURNS and passed < LONG):
+        told.append(turn())
+        passed = time.perf_counter() - began
+    return statistics.median(told)
+
+
 def spread(times: Sequence[float]) -> Spread:
     """Median and quartiles.
 
@@ -263,12 +283,12 @@ def now(device: torch.device) -> float:
 
 def _round(contestant: Contestant, frames: Sequence[Frame], effort: Effort) -> float:
     """Seconds of a frame in one round, mean over the frames."""
-    began = time.perf_counter()
-    turns: list[float] = []
-    while not turns or time.perf_counter() - began < BRIEF:
+
+    def turn() -> float:
         took = [_seconds(contestant, frame, effort) for frame in frames]
-        turns.append(sum(took) / len(took))
-    return statistics.median(turns)
+        return sum(took) / len(took)
+
+    return settled(turn)
 
 
 def _seconds(contestant: Contestant, frame: Frame, effort: Effort) -> float:
@@ -343,6 +363,7 @@ __all__ = [
     "gemm_rate",
     "measure",
     "now",
+    "settled",
     "shared_pixels",
     "spread",
 ]

@@ -1,5 +1,7 @@
 """A training step's time against the reference's, and whether both give the same gradients."""
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from actorsnerf_train.config import TrainConfig, fewshot, pretraining
 from actorsnerf_train.losses import Perceptual
 from actorsnerf_train.methods import KnownActor, build_method, know_actor, octaves_of
 from actorsnerf_train.objective import Objective
-from actorsnerf_train.report.measure import now, spread
+from actorsnerf_train.report.measure import now, settled, spread
 from actorsnerf_train.report.reference_step import reference_step
 from actorsnerf_train.report.rows import TrainingRow
 from actorsnerf_train.saving import load_model
@@ -119,9 +121,7 @@ def training_row(step: Step, rounds: int) -> TrainingRow:
     slow: list[float] = []
     for _ in range(rounds):
         for way, times in ((step.ours, ours), (step.reference, slow)):
-            began = now(device)
-            way()
-            times.append(now(device) - began)
+            times.append(settled(functools.partial(_seconds, way, device)))
     count, side = step.sample.patches.shape[:2]
     return TrainingRow(
         step.stage,
@@ -135,6 +135,12 @@ def training_row(step: Step, rounds: int) -> TrainingRow:
         error,
         worst,
     )
+
+
+def _seconds(way: Callable[[], float], device: torch.device) -> float:
+    began = now(device)
+    way()
+    return now(device) - began
 
 
 def largest_error(found: dict[str, Tensor], expected: dict[str, Tensor]) -> tuple[str, float]:
