@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from actorsnerf_model.constants import constant
+from actorsnerf_model.cores import on_all_cores, side_by_side
 from actorsnerf_model.footprint import footprint
 from actorsnerf_model.pieces import at_once
 from actorsnerf_model.pixels_by_need import Agreement, by_need
@@ -48,6 +49,8 @@ from actorsnerf_model.volume_rendering import (
 
 RAYS_AT_ONCE = 8192
 """Rays whose samples are laid out together; bounds the memory of a picture."""
+RAYS_A_CORE = 512
+"""Rays that a core of its own is worth."""
 POINTS_AT_ONCE = 65536
 """Points that are located together, on a CPU."""
 LOOKED_AT_ONCE = 8192
@@ -112,11 +115,20 @@ def render(
     where = footprint(pose, camera, options.occupancy)
     counts: list[Counts] = []
 
-    def draw(number: Tensor) -> Tensor:
+    def seen(number: Tensor) -> Rendering:
         pixels = torch.stack([number % width, number // width], -1).to(camera.K.dtype)
-        seen = render_pixels(method, actor, pose, rays_through(pixels, camera), options)
-        counts.append(seen.counts)
-        return torch.cat([seen.rgb, seen.alpha[:, None], seen.depth[:, None]], -1)
+        return render_pixels(method, actor, pose, rays_through(pixels, camera), options)
+
+    def draw(number: Tensor) -> Tensor:
+        # Neighbours cost about the same: in turns, every core gets as much work.
+        cores = max(1, min(side_by_side(number.device), number.shape[0] // RAYS_A_CORE))
+        drawn = on_all_cores(seen, [number[core::cores] for core in range(cores)], number.device)
+        counts.extend(part.counts for part in drawn)
+        values = camera.K.new_empty(number.shape[0], 5)
+        for core, part in enumerate(drawn):
+            channels = [part.rgb, part.alpha[:, None], part.depth[:, None]]
+            values[core::cores] = torch.cat(channels, -1)
+        return values
 
     empty = camera.K.new_tensor([*options.background, 0.0, 0.0]).repeat(height, width, 1)
     stride = options.pixel_stride if options.pixel_tolerance > 0 else 1

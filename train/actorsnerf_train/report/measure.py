@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from jaxtyping import Int
+from jaxtyping import Float, Int
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 from tqdm import tqdm
 
+from actorsnerf_model.cores import on_all_cores
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.states import Counts, PoseState, Rendering
@@ -28,8 +29,8 @@ from actorsnerf_train.report.points import Kind
 from actorsnerf_train.trained import TrainedActor
 from actorsnerf_train.trained import draw as draw_actor
 
-REFERENCE_RAYS = 1024
-"""Rays that the reference lays out at once; bounds its memory."""
+REFERENCE_RAYS = 256
+"""Rays that the reference lays out at once: bounds its memory, and gives each core as much work."""
 CHUNKS = (2048, 4096, 16384, 65536)
 """Points through the networks at once, of which the reference takes the fastest."""
 GEMM = 4096, 512, 512
@@ -163,10 +164,13 @@ def draw_posed(contestant: Contestant, frame: Frame, pose: PoseState, effort: Ef
         return Drawn(draw_actor(actor, pose, frame.camera, options), None)
     pixels = shared_pixels(frame, effort)
     rays = rays_through(pixels.to(frame.camera.K), frame.camera)
-    pieces = [
-        reference_render_pixels(actor.method, actor.state, pose, Rays(rays.origin, part), options)
-        for part in torch.split(rays.directions, REFERENCE_RAYS)
-    ]
+
+    def seen(part: Float[Tensor, "rays 3"]) -> Rendering:
+        some = Rays(rays.origin, part)
+        return reference_render_pixels(actor.method, actor.state, pose, some, options)
+
+    parts = torch.split(rays.directions, REFERENCE_RAYS)
+    pieces = on_all_cores(seen, parts, rays.directions.device)
     return Drawn(_joined(pieces), pixels)
 
 
