@@ -53,9 +53,11 @@ def on_all_cores(
 
     # How many threads its operations take is a matter of the Python thread that calls them, but the
     # last number told is that of every new thread.
-    share = threads // workers
+    shares = iter([threads // workers + (i < threads % workers) for i in range(workers)])
     try:
-        with ThreadPoolExecutor(workers, "core", torch.set_num_threads, (share,)) as pool:
+        with ThreadPoolExecutor(
+            workers, "core", lambda: torch.set_num_threads(next(shares))
+        ) as pool:
             return list(pool.map(alone, parts))
     finally:
         torch.set_num_threads(threads)

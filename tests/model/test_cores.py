@@ -83,6 +83,17 @@ def test_a_gpu_and_many_cores_have_their_limits(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.usefixtures("two_threads")
 @torch.no_grad()
+def test_no_thread_is_left_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[int] = []
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 7)
+    monkeypatch.setattr(torch, "set_num_threads", told.append)
+    together = threading.Barrier(MOST, timeout=60)
+    on_all_cores(lambda part: together.wait(), range(MOST), CPU)
+    assert sorted(told[:-1]) == [1, 2, 2, 2] and told[-1] == 7
+
+
+@pytest.mark.usefixtures("two_threads")
+@torch.no_grad()
 def test_automatic_casting_comes_along() -> None:
     def product(part: int) -> torch.dtype:
         return (torch.ones(2, 2) @ torch.ones(2, 2)).dtype

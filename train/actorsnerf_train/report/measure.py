@@ -19,6 +19,7 @@ from torch.utils.flop_counter import FlopCounterMode
 from tqdm import tqdm
 
 from actorsnerf_model.cores import on_all_cores
+from actorsnerf_model.pieces import at_once
 from actorsnerf_model.rays import Rays, rays_through
 from actorsnerf_model.reference import reference_render_pixels
 from actorsnerf_model.states import Counts, PoseState, Rendering
@@ -30,7 +31,8 @@ from actorsnerf_train.trained import TrainedActor
 from actorsnerf_train.trained import draw as draw_actor
 
 REFERENCE_RAYS = 256
-"""Rays that the reference lays out at once: bounds its memory, and gives each core as much work."""
+"""Rays that the reference lays out at once, on a CPU: bounds its memory, and gives every core as
+much work."""
 CHUNKS = (2048, 4096, 16384, 65536)
 """Points through the networks at once, of which the reference takes the fastest."""
 GEMM = 4096, 512, 512
@@ -169,8 +171,9 @@ def draw_posed(contestant: Contestant, frame: Frame, pose: PoseState, effort: Ef
         some = Rays(rays.origin, part)
         return reference_render_pixels(actor.method, actor.state, pose, some, options)
 
-    parts = torch.split(rays.directions, REFERENCE_RAYS)
-    pieces = on_all_cores(seen, parts, rays.directions.device)
+    device = rays.directions.device
+    parts = torch.split(rays.directions, at_once(REFERENCE_RAYS, device))
+    pieces = on_all_cores(seen, parts, device)
     return Drawn(_joined(pieces), pixels)
 
 
