@@ -18,10 +18,8 @@ from actorsnerf_train.stability.hard_poses import named_poses
 
 FIELD = Bounds(1e-9, 1e-3, 0.1)
 """Colour in [0, 1], and the opacity of `STEP`."""
-LEARNING = Bounds(1e-9, 5e-3, 0.25)
-"""The same with the batch's own statistics. A channel that is constant over black pictures has no
-variance, so batch normalisation divides the rounding of its mean by sqrt(1e-5), layer after layer:
-1.9e-3 in a trained actor."""
+LEARNING = Bounds(1e-9, 1e-3, 0.25)
+"""The same with the batch's own statistics."""
 BLIND = Bounds(0.0, 0.0, 0.0)
 STEP = 0.02
 """Metres over which density becomes opacity."""
