@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from actorsnerf_datasets.torch_dataset import View
+from actorsnerf_model.batch_norm import MapNorm
 from actorsnerf_model.constants import constant
 
 TRUNK_CHANNELS = {"resnet18": 256, "vgg16": 448}
@@ -131,7 +132,7 @@ class ResNet18Trunk(nn.Module):
         """Random weights as torchvision's: Kaiming normal, fan out."""
         super().__init__()
         self.conv1 = nn.Conv2d(3, 64, 7, stride=2, padding=3, bias=False)
-        self.bn1 = nn.BatchNorm2d(64)
+        self.bn1 = MapNorm(64)
         self.layer1 = nn.Sequential(_Block(64, 64, 1), _Block(64, 64, 1))
         self.layer2 = nn.Sequential(_Block(64, 128, 2), _Block(128, 128, 1))
         for module in self.modules():
@@ -142,11 +143,7 @@ class ResNet18Trunk(nn.Module):
         self, pictures: Float[Tensor, "views 3 height width"]
     ) -> Float[Tensor, "views 256 cells_high cells_wide"]:
         """The joined map; the released code also runs layer3 and layer4, which nothing reads."""
-        # On a CPU torch adds up the statistics of channels-last batches in float32, number by
-        # number, and is 7e-4 of a deviation off; those of planes are added up in float64.
-        sums_up = self.training and pictures.device.type == "cpu"
-        layout = torch.contiguous_format if sums_up else torch.channels_last
-        normal = (pictures * 2 - 1).contiguous(memory_format=layout)
+        normal = (pictures * 2 - 1).contiguous(memory_format=torch.channels_last)
         stem = F.relu(self.bn1(self.conv1(normal)))
         first = self.layer1(F.max_pool2d(stem, 3, stride=2, padding=1))
         second = self.layer2(first)
@@ -160,12 +157,12 @@ class _Block(nn.Module):
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
         super().__init__()
         self.conv1 = nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False)
-        self.bn1 = nn.BatchNorm2d(outputs)
+        self.bn1 = MapNorm(outputs)
         self.conv2 = nn.Conv2d(outputs, outputs, 3, padding=1, bias=False)
-        self.bn2 = nn.BatchNorm2d(outputs)
+        self.bn2 = MapNorm(outputs)
         self.downsample = (
             nn.Sequential(
-                nn.Conv2d(inputs, outputs, 1, stride=stride, bias=False), nn.BatchNorm2d(outputs)
+                nn.Conv2d(inputs, outputs, 1, stride=stride, bias=False), MapNorm(outputs)
             )
             if stride > 1
             else nn.Identity()
@@ -230,4 +227,4 @@ def _spread(
 def _channels_last(
     x: Float[Tensor, "views channels height width"],
 ) -> Float[Tensor, "views height width channels"]:
-    return x.permute(0, 2, 3, 1).contiguous()
+    return x.permute(0, 2, 3, 1)

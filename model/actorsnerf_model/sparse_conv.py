@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 from torch.nn import functional as F
 
+from actorsnerf_model.batch_norm import RowNorm
 from actorsnerf_model.interpolation import corners
 from actorsnerf_model.sparse_plan import OFFSETS, Level, Merge, Pairs, SparsePlan
 
@@ -168,7 +169,7 @@ class SparseConvolution(nn.Module):
         super().__init__()
         bound = 1 / math.sqrt(OFFSETS * inputs)
         self.weight = nn.Parameter(torch.empty(OFFSETS, inputs, outputs).uniform_(-bound, bound))
-        self.norm = nn.BatchNorm1d(outputs, eps=1e-3, momentum=0.01)
+        self.norm = RowNorm(outputs, eps=1e-3, momentum=0.01)
 
     def forward(
         self, features: Float[Tensor, "sources in"], pairs: Pairs

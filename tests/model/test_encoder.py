@@ -1,4 +1,3 @@
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
@@ -116,17 +115,6 @@ def test_a_learning_trunk_moves_its_statistics() -> None:
     before = encoder.trunk.state_dict()["bn1.running_mean"].clone()
     encoder(torch.rand(3, 3, 32, 32))
     assert not torch.equal(encoder.trunk.state_dict()["bn1.running_mean"], before)
-
-
-@torch.no_grad()
-def test_statistics_of_large_pictures_are_exact() -> None:
-    """Most of a picture is background: equal numbers, summed up one by one in float32, drift."""
-    torch.manual_seed(1)
-    trunk = ResNet18Trunk().train()
-    pictures = torch.rand(3, 3, 256, 256)
-    pictures[..., :200] = 0
-    exact = copy.deepcopy(trunk).double()(pictures.double())
-    assert (trunk(pictures) - exact).abs().max() < 1e-4
 
 
 def test_pictures_stand_on_the_background_and_are_padded(
