@@ -1,4 +1,5 @@
 import time
+from dataclasses import replace
 
 import pytest
 import torch
@@ -96,12 +97,13 @@ def test_a_round_is_the_mean_over_the_frames(
 def test_products_are_timed_just_before_every_turn(
     contestants: list[Contestant], frames: tuple[Frame, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two points take turns, three rounds, at the machine's pace then; each has its own median."""
-    pace, told = iter([1.0, 20.0, 30.0, 3.0, 2.0, 10.0]), []
+    """Three points take turns, two rounds; those of one precision have one yardstick."""
+    told: list[str] = []
+    paces = {"float32": iter([1.0, 2.0, 4.0, 90.0]), "bfloat16": iter([20.0, 40.0])}
 
     def rate(precision: str, device: torch.device) -> float:
-        told.append("rate")
-        return next(pace)
+        told.append(precision)
+        return next(paces[precision])
 
     def turn(contestant: Contestant, *given: object) -> float:
         told.append(contestant.name)
@@ -109,11 +111,13 @@ def test_products_are_timed_just_before_every_turn(
 
     monkeypatch.setattr(measure, "gemm_rate", rate)
     monkeypatch.setattr(measure, "_round", turn)
-    found = measure.measure(contestants[1:3], frames[:1], Effort(3, 1.0, 0))
-    first, second = (one.contestant.name for one in found)
-    order = [first, second, second, first, first, second]
-    assert told == [name for one in order for name in ("rate", one)]
-    assert [one.limit for one in found] == [2.0, 20.0]
+    three = [replace(contestants[1], name=name) for name in ("first", "second", "third")]
+    three[1] = replace(three[1], precision="bfloat16")
+    found = measure.measure(three, frames[:1], Effort(2, 1.0, 0))
+    precisions = {"first": "float32", "second": "bfloat16", "third": "float32"}
+    order = ("first", "second", "third", "second", "third", "first")
+    assert told == [said for name in order for said in (precisions[name], name)]
+    assert [one.limit for one in found] == [3.0, 30.0, 3.0]
 
 
 def test_shares_lie_in_the_box_and_follow_the_seed(frames: tuple[Frame, ...]) -> None:

@@ -101,8 +101,8 @@ class Measured:
     flops: Products
     """What one sample needs in the networks."""
     limit: float
-    """Multiply-adds times two per second that this machine's products reached just before the
-    contestant's turns, at its precision; their median."""
+    """Multiply-adds times two per second that this machine's products reached before all turns at
+    the contestant's precision; their median."""
 
     @property
     def survivors(self) -> float:
@@ -202,11 +202,12 @@ def measure(
         for one in tqdm(contestants, desc="pictures", unit="point", leave=False)
     ]
     times: list[list[float]] = [[] for _ in contestants]
-    rates: list[list[float]] = [[] for _ in contestants]
+    rates: dict[Precision, list[float]] = {one.precision: [] for one in contestants}
     for turn in tqdm(range(effort.rounds), desc="times", unit="round", leave=False):
         for i in range(len(contestants)):
             who = (i + turn) % len(contestants)
-            rates[who].append(gemm_rate(contestants[who].precision, frames[0].pose.device))
+            precision = contestants[who].precision
+            rates[precision].append(gemm_rate(precision, frames[0].pose.device))
             times[who].append(_round(contestants[who], frames, effort))
     return tuple(
         Measured(
@@ -214,9 +215,9 @@ def measure(
             _scaled_up(own, frames),
             spread(took),
             field_flops(one, frames[0]),
-            statistics.median(rate),
+            statistics.median(rates[one.precision]),
         )
-        for one, own, took, rate in zip(contestants, drawn, times, rates, strict=True)
+        for one, own, took in zip(contestants, drawn, times, strict=True)
     )
 
 
