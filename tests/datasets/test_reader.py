@@ -87,7 +87,7 @@ def test_one_instance_serves_other_processes(sequence_path: Path, method: str) -
     expected = sequence.picture(0, 1)
     context = multiprocessing.get_context(method)
     with ProcessPoolExecutor(1, mp_context=context) as pool:
-        found = pool.submit(SequenceFile.picture, sequence, 0, 1).result(timeout=60)
+        found = pool.submit(SequenceFile.picture, sequence, 0, 1).result(timeout=300)
     np.testing.assert_array_equal(found.rgb, expected.rgb)
     np.testing.assert_array_equal(sequence.picture(0, 1).rgb, expected.rgb)
 

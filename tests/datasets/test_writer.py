@@ -225,7 +225,7 @@ def test_a_full_disk_leaves_no_file(sequence_path: Path, tmp_path: Path, limit: 
     folder.mkdir()
     arguments = [sys.executable, "-c", _WRITE_AGAIN, str(sequence_path), str(folder / "a.h5")]
     done = subprocess.run(
-        [*arguments, str(limit)], capture_output=True, text=True, timeout=60, check=False
+        [*arguments, str(limit)], capture_output=True, text=True, timeout=300, check=False
     )
     assert "a.h5: could not be written" in done.stdout, done.stderr
     assert [path for path in folder.iterdir() if path.suffix != ".part"] == []

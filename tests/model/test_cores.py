@@ -30,7 +30,7 @@ def two_threads() -> Iterator[None]:
 @pytest.mark.usefixtures("two_threads")
 @torch.no_grad()
 def test_parts_have_a_core_each_and_keep_their_order() -> None:
-    together = threading.Barrier(2, timeout=60)  # passes only while both are worked on
+    together = threading.Barrier(2, timeout=300)  # passes only while both are worked on
     seen = []
 
     def work(part: int) -> int:
@@ -87,7 +87,7 @@ def test_no_thread_is_left_over(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[int] = []
     monkeypatch.setattr(torch, "get_num_threads", lambda: 7)
     monkeypatch.setattr(torch, "set_num_threads", told.append)
-    together = threading.Barrier(MOST, timeout=60)
+    together = threading.Barrier(MOST, timeout=300)
     on_all_cores(lambda part: together.wait(), range(MOST), CPU)
     assert sorted(told[:-1]) == [1, 2, 2, 2] and told[-1] == 7
 
