@@ -1,8 +1,15 @@
 import dataclasses
 import itertools
+from collections.abc import Sequence
+
+import pytest
+import torch
 
 from actorsnerf_model.actor_states import ActorsNeRFState
+from actorsnerf_model.actorsnerf import ActorsNeRF
 from actorsnerf_model.humannerf import HumanNeRFConfig
+from actorsnerf_model.states import Counts
+from actorsnerf_train.report import scaling
 from actorsnerf_train.report.frames import Frame
 from actorsnerf_train.report.measure import Contestant
 from actorsnerf_train.report.scaling import part_rows, scaling_rows
@@ -50,6 +57,34 @@ def test_parts_cost_what_they_multiply(
     flops = {name: row.density_flops + row.colour_flops for name, row in rows.items()}
     assert all(count < flops["nothing"] for name, count in flops.items() if name != "nothing")
     assert flops["views: 1 of 3"] < flops["views: 2 of 3"]
+
+
+def test_parts_are_timed_at_the_points_precision_and_all_they_see_is_coloured(
+    trained: TrainedActor[ActorsNeRFState],
+    contestants: list[Contestant],
+    frames: tuple[Frame, ...],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An actor that was trained in bfloat16 draws `complete` in float32, and so without a part."""
+    other = dataclasses.replace(
+        trained, config=dataclasses.replace(trained.config, precision="bfloat16")
+    )
+    found: list[tuple[torch.dtype, Counts]] = []
+    in_turns = scaling._in_turns
+
+    def listening(
+        cases: Sequence[tuple[Contestant, Frame]], rounds: int
+    ) -> list[tuple[list[float], Counts]]:
+        timed = in_turns(cases, rounds)
+        for (who, _), (_, counts) in zip(cases, timed, strict=True):
+            assert isinstance(who.actor.method, ActorsNeRF)
+            found.append((who.actor.method.network_dtype, counts))
+        return timed
+
+    monkeypatch.setattr(scaling, "_in_turns", listening)
+    rows = part_rows(other, contestants[1], frames[0], 1)
+    assert [dtype for dtype, _ in found] == [torch.float32] * len(rows)
+    assert all(counts.painted == counts.survivors > 0 for _, counts in found)
 
 
 def test_a_method_without_these_parts_has_no_rows(

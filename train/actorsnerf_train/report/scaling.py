@@ -64,13 +64,13 @@ def part_rows(
 ) -> tuple[PartRow, ...]:
     """The frame by the same method without one of its parts, and with fewer views, in turns.
 
-    Random weights, but the trained skinning volume: the same samples reach the networks. No rows
-    for a method without these parts.
+    Random weights in all rows, but the trained skinning volume: the same samples reach the
+    networks, and all get a colour. No rows for a method without these parts.
     """
     model = trained.config.model
     if not isinstance(model, ActorsNeRFConfig):
         return ()
-    cases = [("nothing", complete)]
+    cases = [("nothing", _rebuilt(trained, complete, model))]
     without = {
         "deformation": replace(model, deformation=False),
         "pixel features": replace(model, pixel_features=False),
@@ -110,8 +110,9 @@ def _with_bones(complete: Contestant, count: int) -> Contestant:
 def _rebuilt(
     trained: TrainedActor[Any], complete: Contestant, model: ActorsNeRFConfig
 ) -> Contestant:
-    """The contestant with another model of the same skinning volume."""
-    method = build_method(replace(trained.config, model=model), trained.device)
+    """The contestant with another model of the same skinning volume, at its own precision."""
+    config = replace(trained.config, model=model, precision=complete.precision)
+    method = build_method(config, trained.device)
     source: Any = trained.method
     method.parts()["skinning"].load_state_dict(source.skinning.state_dict())
     method.eval()

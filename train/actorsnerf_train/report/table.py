@@ -199,8 +199,8 @@ def _parts(rows: tuple[PartRow, ...]) -> list[str]:
     lines = [
         "### What each part of the model costs",
         "",
-        "One frame, every sample in the shell, the same skinning volume. Only times: for what a "
-        "part is worth in error, report trainings without it in the same run.",
+        "One frame, every sample in the shell, the same skinning volume, random weights. Only "
+        "times: for what a part is worth in error, report trainings without it in the same run.",
         "",
         "| left out | ms a frame | MFLOP a sample, density + colour | samples through networks |",
         "|---|---|---|---|",
